@@ -1,0 +1,44 @@
+# make demo    bake an example, fit its spheres, and say where the pictures are
+# make test    run the tests
+# make lint    ruff and mypy
+# make bench   measure speed and memory
+# All of them need `make setup` only once; it comes by itself.
+
+PYTHON ?= python3
+BIN := .venv/bin
+SETUP := .venv/.setup
+
+.PHONY: setup demo test lint bench clean
+
+setup: $(SETUP)
+
+$(SETUP): pyproject.toml scripts/setup-gl
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	sh scripts/setup-gl $(BIN)/python
+	@touch $@
+
+demo: $(SETUP)
+	$(BIN)/python examples/make_meshes.py demo
+	cd demo && ../$(BIN)/aoprecalc bake colonnade.obj && ../$(BIN)/aoprecalc spheres colonnade.obj -n 150
+	$(BIN)/python examples/render.py demo/colonnade_ao.obj demo/colonnade_ao.png demo/colonnade_spheres.json -o demo/colonnade_picture.png
+	@echo
+	@echo "Pictures to look at:"
+	@echo "  demo/colonnade_ao.png        the ambient-occlusion texture"
+	@echo "  demo/colonnade_picture.png   the mesh lit with it, its shadow cast by the spheres"
+
+test: $(SETUP)
+	$(BIN)/python -m pytest -n auto
+
+lint: $(SETUP)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[lint]'
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+bench: $(SETUP)
+	$(BIN)/python benchmarks/bake.py
+	$(BIN)/python benchmarks/spheres.py
+
+clean:
+	rm -rf .venv demo build dist

@@ -1,0 +1,43 @@
+"""Ambient-occlusion textures and shadow-casting spheres, precomputed for triangle meshes.
+
+    import aoprecalc
+    result = aoprecalc.bake("mesh.obj")            # writes mesh_ao.png and mesh_ao.obj
+    spheres = aoprecalc.fit_spheres("mesh.obj")    # writes mesh_spheres.json
+
+What the names stand for is loaded on first use, so that importing the package costs nothing.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "bake": "recipes",
+    "fit_spheres": "recipes",
+    "BakeOptions": "options",
+    "SphereOptions": "options",
+    "Progress": "progress",
+    "Scene": "model",
+    "Atlas": "model",
+    "Texture": "model",
+    "SphereSet": "model",
+    "load_scene": "files",
+    "AoprecalcError": "errors",
+    "InputError": "errors",
+    "OutputError": "errors",
+    "RendererError": "errors",
+    "UsageError": "errors",
+}
+
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

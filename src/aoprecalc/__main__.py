@@ -1,0 +1,6 @@
+"""`python -m aoprecalc`."""
+
+from aoprecalc.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""Which UVs a bake uses, and why."""
+
+from importlib.util import find_spec
+
+import moderngl
+import numpy as np
+
+from aoprecalc.atlas.unwrap import faces_with_area, unwrap
+from aoprecalc.errors import InputError, UsageError
+from aoprecalc.model import Atlas, Scene
+from aoprecalc.options import LARGE_MESH, BakeOptions
+from aoprecalc.progress import Progress
+from aoprecalc.surface.topology import islands
+from aoprecalc.texspace.layout import corner_ids, lay_out
+from aoprecalc.texspace.raster import Raster
+
+MOST_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
+
+
+def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
+    """Return the file's UVs where they can hold a bake or are asked for, else an unwrap.
+
+    Raises InputError where `keep` is asked for and impossible, UsageError where the unwrapper asked for is not installed.
+    """
+    if options.unwrap in ("auto", "keep"):
+        kept, fault = keep(context, scene, options.width, options.height)
+        if kept is not None:
+            return kept
+        if options.unwrap == "keep":
+            raise InputError(f"{scene.path}: its UVs cannot hold a bake ({fault}); use --unwrap auto or xatlas")
+        progress.note(f"new UVs, as the file's cannot hold a bake: {fault}")
+    method = options.unwrap
+    if method == "uvunwrap" and find_spec("uvunwrap") is None:
+        raise UsageError("--unwrap uvunwrap: the package is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
+    if method in ("auto", "keep"):
+        large = len(scene.faces) > LARGE_MESH and find_spec("uvunwrap") is not None
+        method = "uvunwrap" if large else "xatlas"
+    return unwrap(scene, method, min(options.width, options.height), options.padding, progress)  # type: ignore[arg-type]
+
+
+def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:
+    """Return the atlas of the file's own UVs, or None and why they cannot hold a bake."""
+    if scene.uvs is None:
+        return None, "there are none"
+    solid = faces_with_area(scene)
+    if not solid.any():
+        raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to bake")
+    sides = np.roll(scene.uvs, -1, axis=1) - scene.uvs
+    doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    flat = solid & (doubled <= 1e-9 * np.maximum(longest**2, 1e-9))
+    if flat.any():
+        return None, f"{np.count_nonzero(flat)} faces with area have no area in UV space"
+    wraps = bool(scene.uvs[solid].min() < 0 or scene.uvs[solid].max() > 1)
+    charts = int(islands(corner_ids(scene.faces[solid], scene.uvs[solid])).max()) + 1
+    atlas = Atlas("keep", scene.uvs, solid, charts, wraps=wraps)
+    raster = Raster(context, lay_out(scene, atlas, width, height))
+    overlap = raster.overlap()
+    if overlap >= MOST_OVERLAP:
+        return None, f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
+    return atlas, ""

@@ -1,0 +1,109 @@
+"""New UVs for a whole scene, in one page of exact size."""
+
+import io
+import os
+import subprocess
+import sys
+import time
+from typing import Literal
+
+import numpy as np
+
+from aoprecalc.atlas.gutter import LEAST, chart_size, choose_gutter
+from aoprecalc.errors import AoprecalcError, InputError
+from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.progress import Progress
+from aoprecalc.surface.normals import area_vectors
+
+_MANY_CHARTS = 1500  # above this, uvunwrap's fast packing: the better one takes longer than the bake
+_POLL = 0.05  # seconds
+
+
+def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, padding: int, progress: Progress) -> Atlas:
+    """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
+
+    padding   texels around each chart that should stay free; see `choose_gutter` for what happens where room is short
+    Raises InputError where no face has area, AoprecalcError where the unwrapper fails.
+    """
+    solid = faces_with_area(scene)
+    if not solid.any():
+        raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to unwrap")
+    # Both unwrappers weigh lengths against constants; they are given about one unit.
+    low = scene.positions.min(axis=0)
+    positions = ((scene.positions - low) / np.ptp(scene.positions, axis=0).max()).astype(np.float32)
+    engine = _xatlas if method == "xatlas" else _uvunwrap
+    uvs, placed, charts, gutter = engine(positions, scene.faces[solid], size, padding, progress)
+    everywhere: Doubles = np.zeros((len(scene.faces), 3, 2))
+    everywhere[solid] = uvs
+    solid[solid] = placed
+    return Atlas(method, everywhere, solid, charts, gutter=gutter)
+
+
+def faces_with_area(scene: Scene) -> Mask:
+    """Return which faces, (f,), are more than a line or a point, as far as 32-bit coordinates can tell."""
+    corners = scene.corners
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    doubled = np.linalg.norm(area_vectors(corners), axis=1)
+    extent = np.ptp(scene.positions, axis=0).max()
+    solid: Mask = doubled > 1e-7 * longest * np.maximum(longest, 1e-4 * extent)
+    return solid
+
+
+def _xatlas(
+    positions: Floats, faces: Ints, size: int, padding: int, progress: Progress
+) -> tuple[Doubles, Mask, int, int]:
+    request = io.BytesIO()
+    np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)
+    command = [sys.executable, "-m", "aoprecalc.atlas.xatlas_child"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # finds what this process found
+    run = subprocess.run(command, input=request.getvalue(), capture_output=True, check=False, env=environment)
+    if run.returncode != 0:
+        said = run.stderr.decode(errors="replace").strip().splitlines()
+        reason = said[-1] if said else f"exit status {run.returncode}"
+        raise AoprecalcError(f"xatlas could not unwrap {len(faces)} faces ({reason}); try --unwrap uvunwrap")
+    answer = np.load(io.BytesIO(run.stdout))
+    return answer["uvs"], answer["placed"], int(answer["charts"]), int(answer["gutter"])
+
+
+def _uvunwrap(
+    positions: Floats, faces: Ints, size: int, padding: int, progress: Progress
+) -> tuple[Doubles, Mask, int, int]:
+    mesh = _uvunwrap_mesh(positions, faces)
+    # A quick first packing tells how much outline there is, and so how much gutter the page has room for.
+    uvs, placed, corners, charts = _run_uvunwrap(mesh, size, LEAST, "fast", progress)
+    area, outline = chart_size(uvs[placed] * size, corners[placed])
+    gutter = choose_gutter(area, outline, size, padding)
+    packing: Literal["shape", "fast"] = "fast" if charts > _MANY_CHARTS else "shape"
+    if gutter > LEAST or packing == "shape":
+        uvs, placed, corners, charts = _run_uvunwrap(mesh, size, gutter, packing, progress)
+    return uvs, placed, charts, gutter
+
+
+def _uvunwrap_mesh(positions: Floats, faces: Ints) -> object:
+    import uvunwrap
+
+    return uvunwrap.Mesh(positions, faces.astype(np.uint32))
+
+
+def _run_uvunwrap(
+    mesh: object, size: int, gutter: int, packing: Literal["shape", "fast"], progress: Progress
+) -> tuple[Doubles, Mask, Ints, int]:
+    """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
+    import uvunwrap
+
+    job = uvunwrap.start([mesh], page_size=size, padding=gutter, packing=packing)
+    try:
+        while not job.done:
+            time.sleep(_POLL)
+        atlas = job.result()
+    except uvunwrap.UnwrapError as error:
+        raise AoprecalcError(f"uvunwrap failed ({error}); try --unwrap xatlas") from error
+    except KeyboardInterrupt:
+        job.cancel()
+        raise
+    page = atlas.meshes[0]
+    corners: Ints = np.array(page.indices, np.int32).reshape(-1, 3)
+    placed: Mask = (np.array(page.page)[corners] == 0).all(axis=1)
+    uvs = np.array(page.uv, np.float64).reshape(-1, 2)[corners] * (atlas.width / size, atlas.height / size)
+    return uvs, placed, corners, atlas.chart_count

@@ -1,0 +1,83 @@
+"""Unwraps with xatlas in a process of its own: `python -m aoprecalc.atlas.xatlas_child < request.npz > answer.npz`.
+
+xatlas neither releases the interpreter nor can be interrupted, so the parent must be able to go on, or to end it.
+
+request: positions (v, 3) float32 about one unit across, faces (f, 3) uint32, size and padding in texels
+answer:  uvs (f, 3, 2) float32 in [0, 1], placed (f,) bool, charts, gutter
+"""
+
+import io
+import sys
+
+import numpy as np
+import xatlas
+
+from aoprecalc.atlas.gutter import chart_size, choose_gutter, fitting_scale
+from aoprecalc.model import Doubles, Ints, Mask
+
+_PACKINGS = 10  # tries at the greatest scale that fits one page
+_STEP = 1.08  # between tries until one fits and one does not
+_CLOSE = 1.005  # such a pair is close enough
+
+
+def unwrap(positions: np.ndarray, faces: np.ndarray, size: int, padding: int) -> dict[str, np.ndarray]:
+    """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(positions, faces)
+    atlas.generate()
+    _, corners, uvs = atlas.get_mesh(0)
+    page, _ = atlas.get_mesh_vertex_assignment(0)
+    placed: Mask = (page.astype(np.int32)[corners] >= 0).all(axis=1)
+    corners = np.ascontiguousarray(corners[placed])
+    flat = uvs.astype(np.float64) * (atlas.width, atlas.height)
+    area, outline = chart_size(flat[corners], corners.astype(np.int32))
+    gutter = choose_gutter(area, outline, size, padding)
+    packed = _pack(flat * fitting_scale(area, outline, size, gutter), corners, size, gutter)
+    result: Doubles = np.zeros((len(faces), 3, 2))
+    result[placed] = packed[corners]
+    return {"uvs": result, "placed": placed, "charts": np.int32(atlas.chart_count), "gutter": np.int32(gutter)}
+
+
+def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
+    """Return (v, 2) UVs in [0, 1] of flat charts, (v, 2) in texels, at about the greatest scale that fits one page."""
+    border = gutter // 2  # kept free at the page's sides, as textures repeat
+    options = xatlas.PackOptions()
+    options.resolution, options.texels_per_unit = size - 2 * border, 1.0
+    options.padding, options.bilinear = gutter, False
+    fits, too_large, scale = 0.0, np.inf, 1.0
+    best = None
+    for _ in range(_PACKINGS):
+        page = xatlas.Atlas()
+        page.add_uv_mesh((flat * scale).astype(np.float32), corners.astype(np.uint32))
+        page.generate(pack_options=options)
+        if page.atlas_count == 1 and max(page.width, page.height) <= size - 2 * border:
+            fits, best = scale, _uvs_of(page, len(flat), border) / size
+        else:
+            too_large = scale
+        if too_large < fits * _CLOSE:
+            break
+        scale = too_large / _STEP if not fits else fits * _STEP if np.isinf(too_large) else (fits + too_large) / 2
+    if best is None:
+        raise ValueError(f"the charts of {len(corners)} triangles did not fit one page of {size} texels")
+    return best
+
+
+def _uvs_of(page: "xatlas.Atlas", count: int, border: int) -> Doubles:
+    """Return (v, 2) places on the page in texels; a vertex that xatlas left out is at the origin."""
+    mapping, _, uvs = page.get_mesh(0)
+    result: Doubles = np.zeros((count, 2))
+    result[mapping] = uvs * np.array([page.width, page.height]) + border
+    return result
+
+
+def main() -> None:
+    """Answer one request."""
+    request = np.load(io.BytesIO(sys.stdin.buffer.read()))
+    answer = unwrap(request["positions"], request["faces"], int(request["size"]), int(request["padding"]))
+    buffer = io.BytesIO()
+    np.savez(buffer, **answer)
+    sys.stdout.buffer.write(buffer.getvalue())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""`aoprecalc`: the group of commands, and the one place where errors become exit codes."""
+
+import sys
+import traceback
+from typing import Any
+
+import click
+
+from aoprecalc import __version__
+from aoprecalc.cli.bake import bake
+from aoprecalc.cli.spheres import spheres
+from aoprecalc.errors import AoprecalcError
+
+EPILOG = (
+    "Exit codes: 0 done; 1 the work failed; 2 wrong usage; 3 no way to render; 4 the input mesh is unusable. "
+    "A failure leaves no file behind."
+)
+
+
+class _Group(click.Group):
+    """A group whose failures, click's own included, end in one `error:` line and an exit code."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command line; always ends the process."""
+        kwargs["standalone_mode"] = False
+        try:
+            sys.exit(super().main(*args, **kwargs) or 0)
+        except AoprecalcError as error:
+            _fail(str(error), error.exit_code, error)
+        except click.exceptions.Exit as ending:
+            sys.exit(ending.exit_code)
+        except click.ClickException as error:
+            _fail(_usage_line(error), error.exit_code, error)
+        except (click.Abort, KeyboardInterrupt):
+            click.echo("error: interrupted; no output was written", err=True)
+            sys.exit(130)
+        except BrokenPipeError:
+            sys.exit(1)  # whoever read the results has gone
+        except MemoryError as error:
+            _fail("out of memory; use a smaller --size or mesh", 1, error)
+        except Exception as error:
+            _fail(f"{type(error).__name__}: {error}; this is a fault of aoprecalc, -v shows where", 1, error)
+
+
+@click.group(cls=_Group, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, "--version", prog_name="aoprecalc")
+def main() -> None:
+    """Precompute ambient-occlusion textures and shadow-casting spheres for triangle meshes.
+
+    Needs neither a GPU nor a display.
+    """
+
+
+main.add_command(bake)
+main.add_command(spheres)
+
+
+def _fail(message: str, code: int, error: BaseException) -> None:
+    if {"-v", "--verbose"} & set(sys.argv[1:]):
+        traceback.print_exception(error)
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    sys.exit(code)
+
+
+def _usage_line(error: click.ClickException) -> str:
+    """Say click's message in this program's form: what was found, and where to read what is expected."""
+    message = error.format_message().rstrip(".")
+    context = getattr(error, "ctx", None)
+    return f"{message}; see `{context.command_path} --help`" if context else message

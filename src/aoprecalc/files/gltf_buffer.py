@@ -1,0 +1,82 @@
+"""The one buffer of a glTF document that is being written, and the views and accessors into it."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.files.gltf_accessors import COMPONENTS, WIDTHS, element_size
+from aoprecalc.files.gltf_document import Json
+
+ARRAY, ELEMENT_ARRAY = 34962, 34963
+FLOAT, USHORT, UINT = 5126, 5123, 5125
+
+
+class GltfBuffer:
+    """Collects bytes and describes them in a document's `bufferViews` and `accessors`.
+
+    free_accessors, free_views   entries that nothing refers to any more; new ones take their places first
+    """
+
+    def __init__(self, document: Json, free_accessors: tuple[int, ...] = (), free_views: tuple[int, ...] = ()) -> None:
+        """Start with no bytes."""
+        self._document = document
+        self._bytes = bytearray()
+        self._free = {"accessors": list(free_accessors), "bufferViews": list(free_views)}
+
+    @property
+    def data(self) -> bytes:
+        """All bytes so far."""
+        return bytes(self._bytes)
+
+    def append(self, data: bytes) -> int:
+        """Add bytes; return where they begin, at a multiple of 4."""
+        self._bytes += bytes(-len(self._bytes) % 4)
+        start = len(self._bytes)
+        self._bytes += data
+        return start
+
+    def add_view(self, data: bytes, **members: int) -> int:
+        """Add bytes with a buffer view of their own; return its number."""
+        view = {"buffer": 0, "byteOffset": self.append(data), "byteLength": len(data), **members}
+        return self._place("bufferViews", view)
+
+    def add_rows(self, accessor: Json, rows: NDArray[np.uint8]) -> int:
+        """Add vertex data as (n, bytes) elements, described as in another accessor; return the new one's number."""
+        size = element_size(accessor)
+        padded = np.pad(rows, ((0, 0), (0, -size % 4)))  # each vertex begins at a multiple of 4
+        stride = {} if padded.shape[1] == size else {"byteStride": padded.shape[1]}
+        view = self.add_view(padded.tobytes(), **stride, target=ARRAY)
+        members = {key: value for key, value in accessor.items() if key not in ("byteOffset", "sparse", "min", "max")}
+        if "min" in accessor or "max" in accessor:
+            members |= _bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
+        return self._place("accessors", members | {"bufferView": view, "count": len(rows)})
+
+    def add_floats(self, values: NDArray[Any], bounds: bool = False) -> int:
+        """Add (n, 2 or 3) vertex data as float32; return the number of its accessor."""
+        rows = np.ascontiguousarray(values, dtype="<f4")
+        accessor: Json = {"componentType": FLOAT, "type": f"VEC{rows.shape[1]}"}
+        if bounds:
+            accessor |= {"min": [], "max": []}
+        return self.add_rows(accessor, rows.view(np.uint8))
+
+    def add_triangles(self, triangles: NDArray[Any]) -> int:
+        """Add (f, 3) vertex numbers, in 16 bits where they fit; return the number of the accessor."""
+        # The greatest number of a type is not a vertex but starts a new strip.
+        component = USHORT if triangles.max() < 0xFFFF else UINT
+        view = self.add_view(triangles.astype(COMPONENTS[component]).tobytes(), target=ELEMENT_ARRAY)
+        accessor = {"bufferView": view, "componentType": component, "count": triangles.size, "type": "SCALAR"}
+        return self._place("accessors", accessor)
+
+    def _place(self, kind: str, entry: Json) -> int:
+        entries = self._document.setdefault(kind, [])
+        if self._free[kind]:
+            index = self._free[kind].pop(0)
+            entries[index] = entry
+            return index
+        entries.append(entry)
+        return len(entries) - 1
+
+
+def _bounds(values: NDArray[Any]) -> Json:
+    return {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}

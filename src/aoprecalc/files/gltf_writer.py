@@ -1,0 +1,56 @@
+"""Writes glTF 2.0, as .gltf with its buffer beside it or as one .glb."""
+
+import json
+import struct
+from pathlib import Path
+
+from aoprecalc.files.atomic import Outputs
+from aoprecalc.files.gltf_document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
+from aoprecalc.files.gltf_edit import edit_document
+from aoprecalc.files.gltf_fresh import fresh_document, show_texture
+from aoprecalc.files.gltf_materials import occlude
+from aoprecalc.files.gltf_picture import add_texture, carry_images
+from aoprecalc.model import Atlas, Floats, Scene
+
+
+def write_gltf(
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path
+) -> tuple[str, ...]:
+    """Write a .gltf or .glb with the texture as occlusion texture; return what the user should know.
+
+    The document of a glTF source is kept but for that. Any other source gets a fresh one, in which the texture is
+    the base colour too where a material has no picture of its own.
+    """
+    is_fresh = not isinstance(scene.document, GltfDocument)
+    said: tuple[str, ...] = ()
+    if isinstance(scene.document, GltfDocument):
+        document, buffer, sets, said = edit_document(scene.document, scene, atlas, normals)
+    else:
+        document, buffer, sets = fresh_document(scene, atlas, normals)
+    said += carry_images(outputs, path, document, buffer, scene.path)
+    number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.wraps)
+    said += about_texture + occlude(document, sets, number)
+    if is_fresh:
+        show_texture(document, sets, number)
+    _write(outputs, path, document, buffer.data)
+    return said
+
+
+def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
+    document["buffers"] = [{"byteLength": len(data)}]
+    if path.suffix.lower() == ".glb":
+        text = json.dumps(document, separators=(",", ":")).encode()
+        outputs.path(path).write_bytes(_glb(text, data))
+        return
+    binary = path.with_suffix(".bin")
+    document["buffers"][0] = {"uri": binary.name, **document["buffers"][0]}
+    outputs.path(binary).write_bytes(data)
+    outputs.path(path).write_bytes(json.dumps(document, indent=1).encode() + b"\n")
+
+
+def _glb(text: bytes, data: bytes) -> bytes:
+    chunks = b""
+    for kind, content, filler in ((JSON_CHUNK, text, b" "), (BIN_CHUNK, data, b"\0")):
+        padded = content + filler * (-len(content) % 4)
+        chunks += struct.pack("<II", len(padded), kind) + padded
+    return MAGIC + struct.pack("<II", 2, 12 + len(chunks)) + chunks

@@ -1,0 +1,130 @@
+"""The doors through which meshes come in and go out, whatever the kind of file."""
+
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from aoprecalc.errors import AoprecalcError, InputError, OutputError, UsageError
+from aoprecalc.files.atomic import Outputs
+from aoprecalc.files.gltf_reader import read_gltf
+from aoprecalc.files.gltf_writer import write_gltf
+from aoprecalc.files.obj_reader import ObjDocument, read_obj
+from aoprecalc.files.obj_writer import write_obj
+from aoprecalc.files.off_reader import read_off
+from aoprecalc.files.ply_reader import read_ply
+from aoprecalc.files.ply_writer import write_ply
+from aoprecalc.files.stl_reader import read_stl
+from aoprecalc.model import Atlas, Floats, Scene
+
+READERS: dict[str, Callable[[Path, bytes], Scene]] = {
+    "obj": read_obj,
+    "ply": read_ply,
+    "stl": read_stl,
+    "off": read_off,
+    "gltf": read_gltf,
+    "glb": read_gltf,
+}
+
+WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Floats, Path], tuple[str, ...]]] = {
+    "obj": write_obj,
+    "ply": write_ply,
+    "gltf": write_gltf,
+    "glb": write_gltf,
+}
+
+
+def load_scene(path: str | PathLike[str]) -> Scene:
+    """Read all triangles of an OBJ, PLY, STL, OFF, glTF or GLB file.
+
+    Polygons, strips and fans come as triangles, points and lines are left out. What a user should know about the
+    input is in Scene.warnings.
+
+    Raises UsageError for another extension, and InputError if the file is missing, cannot be understood, is not
+    finite, refers to what is not there or has no faces with area.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, a mesh file was expected; name a file inside it")
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in READERS:
+        known = ", ".join(f".{known}" for known in READERS)
+        raise UsageError(f"{path}: the extension {path.suffix or '(none)'} is not one of {known}; convert the model")
+    data = _read(path)
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite are looked for, so they need no second word
+            return READERS[kind](path, data)
+    except AoprecalcError:
+        raise
+    except MemoryError as error:
+        raise InputError(f"{path}: does not fit into memory; use a smaller model") from error
+    except Exception as error:  # whatever a damaged file provokes in a reader
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{path}: cannot be understood as {kind.upper()} ({reason}); the file is damaged, export it again"
+        ) from error
+
+
+def mesh_suffix(scene: Scene) -> tuple[str, str]:
+    """Return the extension (with its dot) that a baked copy of the scene gets, and why if it is another than before."""
+    if scene.kind not in WRITERS:
+        return ".glb", f"{scene.kind.upper()} holds no UVs, so the mesh becomes a GLB"
+    materials = scene.document.materials.values() if isinstance(scene.document, ObjDocument) else ()
+    if any(material.picture is not None for material in materials):
+        return ".glb", "OBJ holds one set of UVs and its materials have textures already, so the mesh becomes a GLB"
+    return f".{scene.kind}", ""
+
+
+def check_mesh_suffix(path: str | PathLike[str]) -> None:
+    """Raise UsageError unless a mesh with UVs can be written under that name."""
+    suffix = Path(path).suffix.lower()
+    if suffix.removeprefix(".") not in WRITERS:
+        known = ", ".join(f".{known}" for known in WRITERS)
+        found = f"the extension {suffix or '(none)'} is of no mesh that holds UVs"
+        raise UsageError(f"{path}: {found}, one of {known} was expected; choose one of these")
+
+
+def write_baked_mesh(
+    outputs: Outputs,
+    mesh_path: str | PathLike[str],
+    scene: Scene,
+    atlas: Atlas,
+    normals: Floats,
+    texture_path: str | PathLike[str],
+) -> tuple[str, ...]:
+    """Write a mesh with the UVs and normals of its bake, its kind by the extension of `mesh_path`.
+
+    outputs        receives all files: the mesh and what goes with it (.mtl, .bin, copies of images)
+    atlas          of the scene
+    normals        (f, 3, 3) float32, unit length: the shading normals that were used
+    texture_path   of the baked texture, already written: to `outputs`, or as a file
+
+    A glTF document keeps everything else, and has the texture as occlusion texture; OBJ and PLY refer to it by
+    map_Kd and a TextureFile comment. A GLB holds the texture in itself.
+
+    Returns lines that the user should see. Raises UsageError for another extension, OutputError where a file cannot be
+    written.
+    """
+    check_mesh_suffix(mesh_path)
+    path = Path(mesh_path)
+    try:
+        return WRITERS[path.suffix.lower().removeprefix(".")](outputs, path, scene, atlas, normals, Path(texture_path))
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
+
+
+def _read(path: Path) -> bytes:
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file, a mesh was expected; check the path")
+    if not path.is_file():
+        raise InputError(f"{path}: is a device or a pipe, a mesh file was expected; save it as a file first")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    if not data:
+        raise InputError(f"{path}: is empty (0 bytes), a mesh was expected; export it again")
+    if data.startswith(b"version https://git-lfs"):
+        raise InputError(f"{path}: is a Git LFS pointer, not the mesh itself; run `git lfs pull` to fetch the mesh")
+    return data

@@ -1,0 +1,70 @@
+"""The material libraries of OBJ files."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Material:
+    """What an MTL says about one material, as far as it is passed on.
+
+    name     as in the file
+    lines    its lines, without `newmtl`
+    color    diffuse colour (Kd), 0 to 1
+    picture  the file of its diffuse texture (map_Kd), where it has one
+    """
+
+    name: str
+    lines: tuple[str, ...] = ()
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    picture: Path | None = None
+
+
+def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material]:
+    """Read the materials of MTL files in a folder; a file that is missing or makes no sense gives none."""
+    materials: dict[str, Material] = {}
+    for library in libraries:
+        try:
+            text = (folder / library).read_bytes().decode("utf-8", "surrogateescape")
+        except (OSError, ValueError):
+            continue
+        name, lines = None, list[str]()
+        for line in [*text.replace("\r", "\n").split("\n"), "newmtl"]:
+            words = line.split(None, 1)
+            if not words:
+                continue
+            if words[0] != "newmtl":
+                lines.append(line.strip())
+                continue
+            if name is not None and name not in materials:
+                materials[name] = _material(folder, name, lines)
+            name, lines = words[1].strip() if len(words) == 2 else None, []
+    return materials
+
+
+def _material(folder: Path, name: str, lines: Sequence[str]) -> Material:
+    color, picture = (1.0, 1.0, 1.0), None
+    for line in lines:
+        keyword, _, rest = line.partition(" ")
+        if keyword == "Kd":
+            color = _color(rest.split()) or color
+        elif keyword.lower() == "map_kd":
+            picture = folder / _file_name(rest).replace("\\", "/")
+    return Material(name, tuple(lines), color, picture)
+
+
+def _color(words: Sequence[str]) -> tuple[float, float, float] | None:
+    try:
+        red, green, blue = (min(max(float(word), 0.0), 1.0) for word in words[:3])
+    except ValueError:
+        return None
+    return red, green, blue
+
+
+def _file_name(rest: str) -> str:
+    """Take the file name from what follows `map_Kd`: after its options, which come first and start with a dash."""
+    words = rest.split()
+    if not any(word.startswith("-") for word in words):
+        return rest.strip()
+    return words[-1]

@@ -1,0 +1,164 @@
+"""From what a file's reader found to a Scene: the checks and repairs that are the same for every kind of file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.errors import InputError
+from aoprecalc.files.damage import check_indices
+from aoprecalc.files.distinct import distinct_rows
+from aoprecalc.model import Doubles, Floats, Mask, Part, Scene
+
+# Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
+LARGEST_COORDINATE = 1e30
+
+# Twice a face's area over its longest edge squared, below which it has no direction that doubles can tell.
+FLATTEST_FACE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One piece of a file as its reader found it, not yet checked.
+
+    name       as in the file, or made up
+    positions  (n, 3) float64 in world placement; pieces may share one array
+    vertices   (f, 3) integers into positions, counter-clockwise seen from the front
+    normals    (f, 3, 3) at the corners, of any length, NaN where the file has none; None if it has none at all
+    uvs        (f, 3, 2) at the corners, v upwards, NaN where the file has none; None if it has none at all
+    source     becomes Part.source
+    """
+
+    name: str
+    positions: Doubles
+    vertices: NDArray[np.int64]
+    normals: NDArray[Any] | None = None
+    uvs: NDArray[Any] | None = None
+    source: object = None
+
+
+def build_scene(
+    path: Path, kind: str, pieces: Sequence[Piece], document: object = None, warnings: Sequence[str] = ()
+) -> Scene:
+    """Check the pieces of a file, weld their equal positions and return them as a Scene.
+
+    Raises InputError if there are no faces, if none has area, if a face refers to a vertex that does not exist or if
+    a position that is used is not finite.
+    """
+    filled = [piece for piece in pieces if len(piece.vertices)]
+    if not filled:
+        points = sum(len(array) for array in {id(piece.positions): piece.positions for piece in pieces}.values())
+        found = f"{points} points but no faces" if points else "no faces"
+        raise InputError(f"{path}: {found} found, a surface of triangles was expected; export the model as a mesh")
+    for piece in filled:
+        check_indices(path, piece.vertices, len(piece.positions))
+
+    positions, faces = _weld(filled)
+    _check_positions(path, positions)
+    said = list(warnings)
+    face_normals, has_area = _face_normals(positions[faces])
+    if not has_area.any():
+        raise InputError(
+            f"{path}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
+        )
+    if not has_area.all():
+        said.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
+
+    return Scene(
+        path=path,
+        kind=kind,
+        positions=positions,
+        faces=faces.astype(np.int32),
+        normals=_gather_normals(filled, face_normals, said),
+        uvs=_gather_uvs(filled, said),
+        parts=_parts(filled),
+        document=document,
+        warnings=tuple(said),
+    )
+
+
+def _weld(pieces: Sequence[Piece]) -> tuple[Doubles, NDArray[np.intp]]:
+    """Return (v, 3) distinct used positions and (f, 3) faces into them."""
+    used_positions, corners, offset = [], [], 0
+    for piece in pieces:
+        used, local = np.unique(piece.vertices, return_inverse=True)
+        used_positions.append(piece.positions[used])
+        corners.append(local.reshape(-1, 3) + offset)
+        offset += len(used)
+    positions = np.concatenate(used_positions)
+    first, which = distinct_rows(positions)
+    return positions[first] + 0.0, which[np.concatenate(corners)]  # + 0.0 turns -0.0 into 0.0
+
+
+def _check_positions(path: Path, positions: Doubles) -> None:
+    wrong = ~(np.abs(positions) <= LARGEST_COORDINATE).all(axis=1)
+    if not wrong.any():
+        return
+    example = ", ".join(f"{number:g}" for number in positions[wrong][0])
+    raise InputError(
+        f"{path}: {np.count_nonzero(wrong)} of {len(positions)} positions are not finite numbers of a usable size, "
+        f"such as ({example}); repair or export the model again"
+    )
+
+
+def _face_normals(corners: Doubles) -> tuple[Doubles, Mask]:
+    """Return (f, 3) unit normals, those of faces without area being (0, 0, 1), and (f,) which faces have area."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(edges, axis=2).max(axis=1, keepdims=True)
+    edges = edges / np.where(longest > 0, longest, 1)[:, :, None]
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    has_area = lengths[:, 0] > FLATTEST_FACE
+    return np.where(has_area[:, None], normals / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0)), has_area
+
+
+def _gather_normals(pieces: Sequence[Piece], face_normals: Doubles, said: list[str]) -> Floats | None:
+    """Return unit normals for all corners; None where the file has not enough of them."""
+    with_normals = [piece.normals for piece in pieces if piece.normals is not None]
+    if not with_normals:
+        return None
+    if len(with_normals) < len(pieces):
+        missing = len(pieces) - len(with_normals)
+        said.append(f"{missing} of {len(pieces)} parts have no normals; those of the others are not used")
+        return None
+
+    normals = np.concatenate(with_normals).astype(np.float64)
+    largest = np.abs(normals).max(axis=2, keepdims=True)
+    usable = np.asarray((np.isfinite(largest) & (largest > 0))[:, :, 0])
+    if not usable.any():
+        said.append("all normals of the file are zero or not finite and are not used")
+        return None
+    if not usable.all():
+        said.append(
+            f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
+            "the normal of their face is used there"
+        )
+        normals = np.where(usable[:, :, None], normals, face_normals[:, None])
+        largest = np.abs(normals).max(axis=2, keepdims=True)
+    normals = normals / largest  # so that neither tiny nor huge normals are lost when squared
+    return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
+
+
+def _gather_uvs(pieces: Sequence[Piece], said: list[str]) -> Doubles | None:
+    """Return UVs for all corners, (0, 0) where the file has none; None if it has none anywhere."""
+    if all(piece.uvs is None for piece in pieces):
+        return None
+    uvs = np.concatenate(
+        [np.full((len(piece.vertices), 3, 2), np.nan) if piece.uvs is None else piece.uvs for piece in pieces]
+    ).astype(np.float64)
+    usable = np.asarray(np.isfinite(uvs).all(axis=2))
+    if not usable.all():
+        said.append(f"{np.count_nonzero(~usable.all(axis=1))} of {len(uvs)} faces lack usable UVs")
+    return np.where(usable[:, :, None], uvs, 0.0)
+
+
+def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
+    parts, start = [], 0
+    for piece in pieces:
+        stop = start + len(piece.vertices)
+        parts.append(Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source))
+        start = stop
+    return tuple(parts)

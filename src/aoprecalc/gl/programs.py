@@ -1,0 +1,36 @@
+"""Shader programs from the `.glsl` files that lie beside the code that uses them."""
+
+from importlib.resources import files
+
+import moderngl
+
+_HEADER = "#version 430 core\n"
+
+
+def source(package: str, name: str, **constants: int) -> str:
+    """Return the text of shader `name` in `package`, made complete.
+
+    Gives it the version line, a #define for each constant, and, for each line `#include "x.glsl"`, the text of that file.
+    """
+    text = (files(package) / name).read_text(encoding="utf-8")
+    lines = []
+    for line in text.splitlines():
+        if line.startswith("#include"):
+            line = (files("aoprecalc.gl") / line.split('"')[1]).read_text(encoding="utf-8")
+        lines.append(line)
+    defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
+    return _HEADER + defines + "\n".join(lines) + "\n"
+
+
+def draw_program(
+    context: moderngl.Context, package: str, vertex: str, fragment: str, **constants: int
+) -> moderngl.Program:
+    """Compile a vertex and a fragment shader of `package` into a program."""
+    return context.program(
+        vertex_shader=source(package, vertex, **constants), fragment_shader=source(package, fragment, **constants)
+    )
+
+
+def compute_program(context: moderngl.Context, package: str, name: str, **constants: int) -> moderngl.ComputeShader:
+    """Compile a compute shader of `package`."""
+    return context.compute_shader(source(package, name, **constants))

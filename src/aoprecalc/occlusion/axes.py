@@ -1,0 +1,64 @@
+"""Directions of light, uniform on the sphere, as axes: a direction and its opposite share one rendering pass.
+
+Even sets follow the spherical Fibonacci lattice (R. Swinbank and R. J. Purser, "Fibonacci grids", 2006), here on the half
+sphere. The lattice in its own order sweeps from pole to equator; it is visited with a stride that makes every run of
+GROUP axes an even set too.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.model import Doubles
+from aoprecalc.options import Sampling
+
+GROUP = 64  # axes that share a sub-texel offset; also the runs that are even by themselves
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+_PLASTIC = 1.324717957244746  # of R2, the sequence for offsets (M. Roberts, "Quasirandom sequences", 2018)
+_MOST_STRIDES = 400
+
+
+def axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Doubles:
+    """Return ceil(directions / 2) unit vectors, (a, 3) float64; each stands for itself and its opposite.
+
+    fibonacci ignores the seed; random draws from it, uniformly on the sphere.
+    """
+    count = (directions + 1) // 2
+    if sampling == "random":
+        vectors = np.random.default_rng(seed).normal(size=(count, 3))
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return _lattice(np.arange(count) * _stride(count) % count, count)
+
+
+def groups(count: int) -> list[slice]:
+    """Return the runs of GROUP axes, the last one possibly shorter, in the order in which they are summed."""
+    return [slice(start, min(start + GROUP, count)) for start in range(0, count, GROUP)]
+
+
+def texel_offset(group: int) -> tuple[float, float]:
+    """Return where in a texel's unit square the samples of group number `group` lie; the first at its centre."""
+    return (0.5 + group / _PLASTIC) % 1.0, (0.5 + group / _PLASTIC**2) % 1.0
+
+
+def _lattice(index: NDArray[np.int64], count: int) -> Doubles:
+    """Return the points number `index` (any shape) of the half sphere's lattice of `count`, (..., 3)."""
+    z = (index + 0.5) / count
+    angle = 2.0 * np.pi * ((index * _GOLDEN) % 1.0)
+    ring = np.sqrt(1.0 - z * z)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=-1)
+
+
+def _stride(count: int) -> int:
+    """Return the step through the lattice, prime to its size, whose first run of GROUP axes is most even.
+
+    Later runs are the same pattern moved along the lattice. Evenness is the potential energy of the run, with each axis
+    repelling the others from both its ends.
+    """
+    if count <= GROUP:
+        return 1
+    strides = np.arange(1, count, dtype=np.int64)
+    strides = strides[np.gcd(strides, count) == 1][:_MOST_STRIDES]
+    runs = _lattice(strides[:, None] * np.arange(GROUP) % count, count)
+    cosines = np.abs(runs @ runs.transpose(0, 2, 1))
+    cosines[:, np.arange(GROUP), np.arange(GROUP)] = 0.0
+    energy = (1.0 / np.sqrt(np.maximum(1.0 - cosines**2, 1e-12))).sum(axis=(1, 2))
+    return int(strides[np.argmin(energy)])

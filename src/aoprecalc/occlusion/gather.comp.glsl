@@ -1,0 +1,52 @@
+// Adds, for every texel, what it sees along the axes of one batch.
+//
+// A texel is compared with one map texel, at whose centre an occluder lies at a known point Q. The texel's point P is
+// hidden if Q rises above the receiver's plane, through P at right angles to the geometric normal g, by more than
+// a tolerance: g . (Q - P) > tolerance. On a plane both sides are 0 whatever the slope, so no bias is needed.
+
+#include "octahedral.glsl"
+
+layout(local_size_x = LOCAL_SIZE) in;
+
+// Per axis: map x, map y (both in texels of `maps`), depth, and (pitch x, pitch y, tolerance, tolerance per distance).
+// A uniform block, not a storage buffer: llvmpipe reads the latter lane by lane.
+layout(std140, binding = 0) uniform Axes { vec4 rows[4 * MOST_AXES]; };
+layout(std430, binding = 1) readonly buffer Points { vec4 points[]; };  // position, packed shading normal
+layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
+layout(std430, binding = 3) readonly buffer Normals { float face_normals[]; };
+layout(std430, binding = 4) buffer Sums { vec2 sums[]; };               // visible weight, whole weight
+
+uniform sampler2D maps;
+uniform int axis_count;
+uniform uint texel_count;
+
+void main() {
+    uint texel = gl_GlobalInvocationID.x;
+    if (texel >= texel_count || faces[texel] == NO_FACE) return;
+
+    vec4 point = vec4(points[texel].xyz, 1.0);
+    vec3 n = unpackUnit(floatBitsToUint(points[texel].w));
+    uint face = 3u * faces[texel];
+    vec3 g = vec3(face_normals[face], face_normals[face + 1u], face_normals[face + 2u]);
+
+    // One axis after the other, so that the sums do not depend on how axes are batched.
+    vec2 sum = sums[texel];
+    for (int axis = 0; axis < 4 * axis_count; axis += 4) {
+        vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2], scale = rows[axis + 3];
+        float g_along = dot(g, along.xyz), n_along = dot(n, along.xyz);
+        float weight = max(0.0, g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0);
+
+        vec2 map = vec2(dot(across, point), dot(upward, point));
+        vec2 cell = floor(map);
+        vec2 ends = texelFetch(maps, ivec2(cell), 0).rg;
+        float depth = g_along > 0.0 ? ends.x : -ends.y;
+
+        vec2 aside = (cell + 0.5 - map) * scale.xy;
+        vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * scale.xy;
+        float rise = dot(slope, aside) + g_along * (depth - dot(along, point));
+        float tolerance = scale.z + scale.w * length(aside);
+
+        sum += vec2(rise <= tolerance ? weight : 0.0, weight);
+    }
+    sums[texel] = sum;
+}

@@ -1,0 +1,65 @@
+"""Near/far maps: the two ends of the occluders along every axis of a batch, in one pass over the triangles."""
+
+import moderngl
+import numpy as np
+
+from aoprecalc.gl.programs import draw_program
+from aoprecalc.model import Floats, Ints
+from aoprecalc.occlusion.projection import Projections
+
+MOST_AXES = 64  # of one batch
+_TARGET_BYTES = 1 << 25  # of one batch of maps
+_CELL_BYTES = 8  # two 32-bit floats
+_AXIS_BYTES = 64  # four rows of four 32-bit floats
+_EMPTY = -3e38  # lies behind everything, seen from either end
+
+# How far an occluder must rise above the receiver's plane to hide it: FLOOR map texels, for the rounding of vertices to
+# 1/256 of a pixel and of depths to 32 bits, and SLOPE times the distance at which the map was read.
+FLOOR = 1.0 / 64.0
+SLOPE = 1.0
+
+
+class NearFarMaps:
+    """Tiles of one two-channel target, one an axis; blending keeps the greatest of (depth, -depth)."""
+
+    def __init__(self, context: moderngl.Context, positions: Floats, faces: Ints, size: int) -> None:
+        """Upload occluders, (v, 3) positions about the origin and within 1 of it; `size` is a map's side in texels."""
+        limit = context.info["GL_MAX_TEXTURE_SIZE"] // size
+        tiles = max(1, min(_TARGET_BYTES // (_CELL_BYTES * size * size), limit * limit, MOST_AXES))
+        across = 2 ** (tiles.bit_length() // 2)
+        self.capacity = 2 ** (tiles.bit_length() - 1)
+        self._origins = size * np.column_stack(np.divmod(np.arange(self.capacity), across)[::-1])
+        shape = (size * across, size * (self.capacity // across))
+        self._context = context
+        self.texture = context.texture(shape, 2, dtype="f4")
+        self._target = context.framebuffer([self.texture])
+        self.axes = context.buffer(reserve=MOST_AXES * _AXIS_BYTES)
+        self._program = draw_program(context, __package__, "near_far.vert.glsl", "near_far.frag.glsl", MOST_AXES=MOST_AXES)
+        self._program["target_size"] = shape
+        self._mesh = context.vertex_array(
+            self._program,
+            [(context.buffer(np.ascontiguousarray(positions, np.float32)), "3f", "in_position")],
+            index_buffer=context.buffer(np.ascontiguousarray(faces, np.uint32)),
+        )
+
+    def draw(self, projections: Projections) -> None:
+        """Draw the maps of at most `capacity` projections; they stay in `texture` and `axes` until the next call."""
+        count = len(projections.rows)
+        self.axes.write(self._axis_rows(projections))
+        self._target.use()
+        self._target.clear(_EMPTY, _EMPTY)
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_equation = moderngl.MAX
+        self.axes.bind_to_uniform_block(0)
+        self._mesh.render(moderngl.TRIANGLES, instances=count)
+
+    def _axis_rows(self, projections: Projections) -> Floats:
+        """What the shaders read for each axis, (a, 4, 4) float32: the projection into its tile, then pitch and tolerance."""
+        count = len(projections.rows)
+        rows = np.zeros((count, 4, 4))
+        rows[:, :3] = projections.rows
+        rows[:, :2, 3] += self._origins[:count]
+        rows[:, 3, :2] = projections.pitch
+        rows[:, 3, 2] = FLOOR * projections.pitch.max(axis=1)
+        rows[:, 3, 3] = SLOPE
+        return rows.astype(np.float32)

@@ -1,0 +1,68 @@
+"""The orthographic projection of every axis: a square map, fitted tightly around the occluders."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from aoprecalc.model import Doubles
+
+_TURNS = 16  # rotations about the axis that are tried for the tightest rectangle
+_MARGIN = 1.0  # empty map texels around the occluders, so that no rounding draws into a neighbour's tile
+
+
+@dataclass(frozen=True, eq=False)
+class Projections:
+    """How points are projected along each of `a` axes.
+
+    rows     (a, 3, 4) float64: rows @ (x, y, z, 1) gives map x and y in map texels, in [0, size], and the depth
+             along the axis, greater towards the axis' positive end, in the points' units
+    pitch    (a, 2) float64: the sides of a map texel, in the points' units
+    """
+
+    rows: Doubles
+    pitch: Doubles
+
+
+def extreme_points(positions: Doubles) -> Doubles:
+    """Return the corners of the convex hull of (v, 3) positions, or all of them where they have no volume."""
+    try:
+        return positions[ConvexHull(positions).vertices]
+    except QhullError:  # flat, or fewer than four points
+        return positions
+
+
+def project(axes: Doubles, outline: Doubles, size: int) -> Projections:
+    """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3)."""
+    across, upward = _frames(axes)
+    angles = np.arange(_TURNS) * (np.pi / 2 / _TURNS)
+    best_area = np.full(len(axes), np.inf)
+    rows = np.zeros((len(axes), 3, 4))
+    pitch = np.ones((len(axes), 2))
+    for cosine, sine in zip(np.cos(angles), np.sin(angles), strict=True):
+        sides = np.stack([cosine * across + sine * upward, cosine * upward - sine * across], axis=1)
+        seen = sides @ outline.T
+        low, high = seen.min(axis=2), seen.max(axis=2)
+        # A flat object seen edge-on has no width; a map texel is never taller than a thousand times its width.
+        extent = np.maximum(high - low, 1e-3 * (high - low).max(axis=1, keepdims=True))
+        area = extent.prod(axis=1)
+        better = area < best_area
+        step = extent / (size - 2 * _MARGIN)
+        middle = (low + high) / 2
+        best_area[better] = area[better]
+        pitch[better] = step[better]
+        rows[better, :2, :3] = (sides / step[:, :, None])[better]
+        rows[better, :2, 3] = (size / 2 - middle / step)[better]
+    rows[:, 2, :3] = axes
+    return Projections(rows, pitch)
+
+
+def _frames(axes: Doubles) -> tuple[Doubles, Doubles]:
+    """Two unit vectors at right angles to each axis and to each other (J. R. Frisvad, 2012; T. Duff et al., 2017)."""
+    x, y, z = axes.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    across = np.column_stack([1.0 + sign * x * x * a, sign * b, -sign * x])
+    upward = np.column_stack([b, sign + y * y * a, -y])
+    return across, upward

@@ -1,0 +1,122 @@
+"""What can be chosen about a job, with the defaults; the command line takes both from here.
+
+Standard library only, so that `aoprecalc --help` is instant.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Literal, get_args, get_type_hints
+
+from aoprecalc.errors import UsageError
+
+Sampling = Literal["fibonacci", "random"]
+Estimator = Literal["ratio", "mean"]
+Backend = Literal["auto", "gl"]
+Unwrap = Literal["auto", "keep", "xatlas", "uvunwrap"]
+Fill = Literal["mean", "pushpull", "none"]
+Normals = Literal["auto", "file", "smooth", "flat"]
+BitDepth = Literal["auto", "8", "16", "half", "float"]
+Radius = Literal["mean", "uniform", "cover"]
+Init = Literal["first", "kmeans++"]
+
+# name -> (least, greatest): the ranges that help texts print and that every way in is held to.
+RANGES: dict[str, tuple[float, float]] = {
+    "width": (1, 32768),
+    "height": (1, 32768),
+    "directions": (1, 1_000_000),
+    "shadow_size": (16, 16384),
+    "padding": (0, 256),
+    "crease_angle": (0, 180),
+    "threads": (0, 1024),
+    "seed": (0, 2**63 - 1),
+    "spheres": (1, 1_000_000),
+    "samples": (1, 100_000_000),
+    "max_iterations": (1, 1_000_000),
+}
+
+# Above this many triangles `--unwrap auto` prefers uvunwrap, which is 10 to 40 times faster than xatlas on large surfaces.
+LARGE_MESH = 30_000
+
+
+def _check(options: object) -> None:
+    """Hold every field to its range or its choices; raises UsageError."""
+    hints = get_type_hints(type(options))
+    for field in fields(options):  # type: ignore[arg-type]
+        value = getattr(options, field.name)
+        choices = get_args(hints[field.name])
+        if choices and all(isinstance(choice, str) for choice in choices) and value not in choices:
+            raise UsageError(f"{field.name} is {value!r}; expected one of {', '.join(choices)}")
+        if field.name in RANGES and value is not None:
+            low, high = RANGES[field.name]
+            if not low <= value <= high:
+                raise UsageError(f"{field.name} is {value}; expected a number from {low:g} to {high:g}")
+
+
+@dataclass(frozen=True)
+class BakeOptions:
+    """How to bake an ambient-occlusion texture.
+
+    width, height   of the texture, in texels
+    directions      light directions, uniform on the sphere; an odd number is rounded up, as they come in pairs
+    sampling        fibonacci: an even lattice; random: antithetic pairs drawn from `seed`
+    seed            of the random directions
+    estimator       ratio: exactly 1 on an open point; mean: the unnormalised sum 4/N * sum(cos * visible)
+    shadow_size     side of a near/far map in texels; None: so that its texel is no larger than the texture's on the surface
+    backend         what measures visibility: gl, or auto (the best there is)
+    unwrap          where UVs come from: keep the file's, xatlas, uvunwrap, or auto
+    padding         texels by which charts are extended into the gutter around them
+    fill            what the texels of no chart hold: mean, pushpull or none (0)
+    bit_depth       auto: 8 for PNG, half for EXR, 8 for others
+    normals         auto: the file's, else smooth; flat: the faces' own
+    crease_angle    degrees: edges that bend more are hard where normals are made; None: 180, and 40 for STL
+    threads         for software rendering and array work; 0: all cores
+    """
+
+    width: int = 1024
+    height: int = 1024
+    directions: int = 1000
+    sampling: Sampling = "fibonacci"
+    seed: int = 0
+    estimator: Estimator = "ratio"
+    shadow_size: int | None = None
+    backend: Backend = "auto"
+    unwrap: Unwrap = "auto"
+    padding: int = 8
+    fill: Fill = "mean"
+    bit_depth: BitDepth = "auto"
+    normals: Normals = "auto"
+    crease_angle: float | None = None
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise UsageError where a value is out of its range."""
+        _check(self)
+
+
+@dataclass(frozen=True)
+class SphereOptions:
+    """How to fit spheres to a mesh.
+
+    spheres          how many
+    samples          points drawn on the surface, at least `spheres`
+    seed             of the samples and of every random choice
+    radius           mean: per cluster, the mean distance of its samples; uniform: one radius, the mean over all
+                     samples; cover: per cluster, the greatest distance
+    init             first: the first samples are the first centres; kmeans++: spread by squared distance
+    max_iterations   stop here even if samples still change spheres
+    """
+
+    spheres: int = 100
+    samples: int = 100_000
+    seed: int = 0
+    radius: Radius = "mean"
+    init: Init = "first"
+    max_iterations: int = 1000
+
+    def __post_init__(self) -> None:
+        """Raise UsageError where a value is out of its range."""
+        _check(self)
+        if self.spheres > self.samples:
+            raise UsageError(
+                f"{self.spheres} spheres from {self.samples} samples: each sphere starts at a sample of its own; "
+                f"ask for fewer spheres or at least {self.spheres} samples"
+            )

@@ -1,0 +1,65 @@
+"""The report of a bake: what was read, chosen and measured, as one JSON document."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aoprecalc import __version__
+from aoprecalc.atlas.gutter import first_unsafe_mip
+from aoprecalc.model import Scene
+from aoprecalc.options import BakeOptions
+from aoprecalc.surface.topology import topology
+
+if TYPE_CHECKING:
+    from aoprecalc.recipes.bake import Baked
+
+SCHEMA = 1
+
+
+def bake_report(
+    scene: Scene,
+    baked: "Baked",
+    options: BakeOptions,
+    texture_path: Path,
+    mesh_path: Path,
+    seconds: dict[str, float],
+    warnings: tuple[str, ...],
+) -> dict[str, Any]:
+    """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
+    shape = topology(scene.faces)
+    atlas, texture = baked.atlas, baked.texture
+    values = texture.values[texture.valid]
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "input": {
+            "path": str(scene.path),
+            "triangles": len(scene.faces),
+            "vertices": len(scene.positions),
+            "components": shape.components,
+            "watertight": shape.watertight,
+        },
+        "outputs": {"texture": str(texture_path), "mesh": str(mesh_path)},
+        "renderer": baked.renderer,
+        "backend": "gl",
+        "directions": baked.directions,
+        "sampling": options.sampling,
+        "estimator": options.estimator,
+        "shadow_size": baked.shadow_size,
+        "unwrap": {
+            "method": atlas.method,
+            "charts": atlas.charts,
+            "used_share": round(float(np.count_nonzero(texture.valid)) / texture.valid.size, 4),
+            "gutter": atlas.gutter,
+            "first_unsafe_mip": None if atlas.gutter is None else first_unsafe_mip(atlas.gutter),
+        },
+        "texels": {"width": options.width, "height": options.height, "valid": int(np.count_nonzero(texture.valid))},
+        "ao": {
+            "mean": round(float(values.mean(dtype=np.float64)), 6),
+            "min": round(float(values.min()), 6),
+            "max": round(float(values.max()), 6),
+        },
+        "seconds": seconds,
+        "warnings": list(warnings),
+    }

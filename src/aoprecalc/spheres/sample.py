@@ -1,0 +1,72 @@
+"""Points drawn uniformly on a surface (section 1.2.1 of *Précalcul*): a face by its area, then a point in the face."""
+
+import numpy as np
+
+from aoprecalc.errors import InputError
+from aoprecalc.model import Doubles, Scene
+from aoprecalc.spheres.frame import Frame
+
+_BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
+
+
+def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.Generator) -> Doubles:
+    """Draw `count` points uniformly on the surface, at least `distinct` of them different.
+
+    The first points do not depend on `count`, but for the rounding of `on_grid`.
+
+    Returns (count, 3) float64 in the frame, each coordinate in [-1, 1] and on the grid of `on_grid`.
+    Raises InputError where the surface has no area, and where it is too small for `distinct` points.
+    """
+    corners = frame.enter(scene.corners)
+    upto = np.cumsum(_areas(corners, scene, frame))
+    if upto[-1] == 0:
+        raise InputError(
+            f"{scene.path}: the surface has no area (all {len(corners)} faces are points or lines), "
+            "but spheres are fitted to points on it; repair the mesh"
+        )
+    points = np.empty((count, 3))
+    for start in range(0, count, _BLOCK):
+        block = points[start : start + _BLOCK]
+        where, along, across = rng.random((len(block), 3)).T
+        face = np.searchsorted(upto, np.minimum(where * upto[-1], np.nextafter(upto[-1], 0)), side="right")
+        block[:] = _inside(corners[face], along, across)
+    points = on_grid(points)
+    if (found := _distinct(points, distinct)) < distinct:
+        raise InputError(
+            f"{scene.path}: the {count} samples fall on {found} distinct points, fewer than the {distinct} spheres "
+            "that start there; ask for fewer spheres or more samples"
+        )
+    return points
+
+
+def on_grid(points: Doubles) -> Doubles:
+    """Round (s, 3) coordinates in [-1, 1] to multiples of the power of two that makes the sum of any of them exact.
+
+    A sum then depends neither on its order nor on its history, and the rounding noise that comes from where the
+    mesh lies and how large it is vanishes. The step is 2^-35 of half the box for 100,000 samples.
+    """
+    step = 2.0 ** (int(len(points) - 1).bit_length() - 52)
+    return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0: no negative zeros, equal is identical
+
+
+def _areas(corners: Doubles, scene: Scene, frame: Frame) -> Doubles:
+    """(f,) twice the faces' areas in the frame; 0 where rounding of the coordinates could account for all of it."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = np.linalg.norm(np.cross(first, second), axis=1)
+    longest = np.sqrt(np.maximum((first**2).sum(axis=1), (second**2).sum(axis=1)))
+    rounding = np.finfo(np.float64).eps * max(1.0, float(np.abs(scene.positions).max() / frame.scale))
+    return np.where(areas > 4 * rounding * longest, areas, 0.0)
+
+
+def _inside(corners: Doubles, along: Doubles, across: Doubles) -> Doubles:
+    """Points of triangles, (k, 3, 3), at two numbers in [0, 1): the half of the parallelogram beyond is folded back."""
+    beyond = along + across > 1
+    along, across = np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
+    origin = corners[:, 0]
+    return origin + along[:, None] * (corners[:, 1] - origin) + across[:, None] * (corners[:, 2] - origin)
+
+
+def _distinct(points: Doubles, enough: int) -> int:
+    """Count distinct points; any number from `enough` upwards may stand for more."""
+    head = len(np.unique(points[: 2 * enough], axis=0))  # nearly always enough, and far faster than all
+    return head if head >= enough else len(np.unique(points, axis=0))

@@ -1,0 +1,1 @@
+"""The surface itself: its normals and how it hangs together."""

@@ -1,0 +1,40 @@
+// A texel that the surface covers in part, but not at its sample: takes the point of the border, within the texel's
+// square, that is nearest to the sample. Depth is that distance, so the nearest border wins, and any triangle before it.
+
+const float INSET = 1.0 / 512.0;  // a border that runs along a square's side covers nothing of it
+
+uniform vec2 sample_at;
+uniform vec2 origin;
+
+flat in vec2 start;
+flat in vec2 end;
+flat in float face;
+flat in int corner;
+out vec4 surface;
+
+void main() {
+    vec2 square = floor(gl_FragCoord.xy) + origin;
+    vec2 low = square + INSET, high = square + 1.0 - INSET;
+    vec2 along = end - start;
+
+    // The part of the border inside the square, by its two slabs.
+    float enter = 0.0, leave = 1.0;
+    for (int axis = 0; axis < 2; axis++) {
+        if (abs(along[axis]) < 1e-9) {
+            if (start[axis] < low[axis] || start[axis] > high[axis]) discard;
+            continue;
+        }
+        vec2 cut = (vec2(low[axis], high[axis]) - start[axis]) / along[axis];
+        enter = max(enter, min(cut.x, cut.y));
+        leave = min(leave, max(cut.x, cut.y));
+    }
+    if (enter > leave) discard;
+
+    vec2 wanted = square + sample_at;
+    float t = clamp(dot(wanted - start, along) / max(dot(along, along), 1e-20), enter, leave);
+    vec3 weights = vec3(0.0);
+    weights[corner] = 1.0 - t;
+    weights[(corner + 1) % 3] = t;
+    surface = vec4(face + 1.0, weights.yz, 0.0);
+    gl_FragDepth = 0.01 + 0.4 * distance(wanted, start + t * along);
+}

@@ -1,0 +1,77 @@
+"""From measured texels to a whole picture: padding around the charts, then a fill for what is left."""
+
+import numpy as np
+from scipy import ndimage
+
+from aoprecalc.model import Floats, Mask, Texels, Texture
+from aoprecalc.options import Fill
+
+_BAND_ROWS = 512
+
+
+def finish(
+    texels: Texels, values: Floats, measured: Mask, padding: int, fill: Fill, *, wraps: bool = False
+) -> Texture:
+    """Return the finished picture of texel values, (k,) float32 in [0, 1], of which only the measured ones, (k,) bool, count.
+
+    padding   texels in the gutter take the value of the nearest measured texel at most this far away
+    fill      the remaining texels: mean (of the measured ones; source, 1.1.3), pushpull or none (0)
+    wraps     the texture repeats, so that padding goes round its edges
+    """
+    picture = np.zeros(texels.width * texels.height, np.float32)
+    valid = np.zeros(picture.shape, bool)
+    index = texels.index[measured]
+    picture[index], valid[index] = values[measured], True
+    picture, valid = (plane.reshape(texels.height, texels.width) for plane in (picture, valid))
+    if not len(index):
+        return Texture(picture, valid)
+    padded, known = pad(picture, valid, padding, wraps=wraps)
+    if fill == "mean":
+        padded[~known] = values[measured].mean(dtype=np.float64)
+    elif fill == "pushpull":
+        padded = push_pull(padded, known)
+    return Texture(padded, valid)
+
+
+def pad(picture: Floats, valid: Mask, reach: int, *, wraps: bool = False) -> tuple[Floats, Mask]:
+    """Extend valid texels by `reach` texels; returns the picture and the mask of all texels that now have a value.
+
+    Each new texel copies the nearest valid one, so charts never mix. Texels farther away are 0.
+    """
+    if not reach:
+        return picture.copy(), valid.copy()
+    height, width = valid.shape
+    sides = (min(reach, height), min(reach, width)) if wraps else (0, 0)
+    source, mask = (np.pad(plane, [(side, side) for side in sides], mode="wrap") for plane in (picture, valid))
+    result, known = np.zeros_like(source), np.zeros_like(mask)
+    for start in range(0, len(source), _BAND_ROWS):
+        stop = min(start + _BAND_ROWS, len(source))
+        low, high = max(0, start - reach), min(stop + reach, len(source))
+        if not mask[low:high].any():
+            continue
+        nearest = ndimage.distance_transform_edt(~mask[low:high], return_distances=False, return_indices=True)
+        rows, columns = nearest[:, start - low : stop - low]
+        away = (rows - np.arange(start - low, stop - low)[:, None]) ** 2 + (columns - np.arange(source.shape[1])) ** 2
+        near = away <= reach * reach
+        known[start:stop] = near
+        result[start:stop] = np.where(near, source[low:high][rows, columns], 0)
+    inner = slice(sides[0], sides[0] + height), slice(sides[1], sides[1] + width)
+    return result[inner].copy(), known[inner].copy()
+
+
+def push_pull(picture: Floats, known: Mask) -> Floats:
+    """Fill unknown texels smoothly from ever coarser means of the known ones.
+
+    (S. Gortler, R. Grzeszczuk, R. Szeliski, M. Cohen, "The Lumigraph", 1996.) Known texels keep their values.
+    """
+    if known.all() or not known.any():
+        return picture
+    height, width = picture.shape
+    even = np.pad(np.where(known, picture, 0), [(0, height % 2), (0, width % 2)])
+    weight = np.pad(known, [(0, height % 2), (0, width % 2)]).astype(np.float32)
+    blocks = (even.shape[0] // 2, 2, even.shape[1] // 2, 2)
+    whole = weight.reshape(blocks).sum(axis=(1, 3))
+    coarse = np.divide(even.reshape(blocks).sum(axis=(1, 3)), whole, out=np.zeros_like(whole), where=whole > 0)
+    coarse = push_pull(coarse, whole > 0)
+    finer = ndimage.zoom(coarse, 2, order=1, mode="nearest", grid_mode=True)[:height, :width]
+    return np.where(known, picture, finer.astype(np.float32))
