@@ -63,9 +63,8 @@ def make_atlas(scene, method="xatlas"):
 
 
 def make_normals(scene):
-    """Normals that differ from corner to corner and from any file's, unit length."""
-    tilt = np.arange(len(scene.faces) * 3).reshape(-1, 3, 1) % 5 * np.array([0.01, 0.02, 0.03])
-    normals = scene.corners / np.linalg.norm(scene.corners, axis=2, keepdims=True) + tilt
+    """Normals of unit length that differ from corner to corner and from any file's."""
+    normals = np.cos(np.arange(len(scene.faces) * 9)).reshape(-1, 3, 3)
     return (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(np.float32)
 
 
@@ -107,9 +106,7 @@ class GltfMaker:
 
     def view(self, data: bytes, **members) -> int:
         self.data += bytes(-len(self.data) % 4)
-        self.json["bufferViews"].append(
-            {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), **members}
-        )
+        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), **members})
         self.data += data
         return len(self.json["bufferViews"]) - 1
 
@@ -137,6 +134,10 @@ class GltfMaker:
 
     def save(self, name="made.glb") -> Path:
         path = self.folder / name
+        if "scenes" not in self.json:
+            children = {child for node in self.json["nodes"] for child in node.get("children", [])}
+            roots = [index for index in range(len(self.json["nodes"])) if index not in children]
+            self.json |= {"scene": 0, "scenes": [{"nodes": roots}]}
         self.json["buffers"] = [{"byteLength": len(self.data)}]
         if name.endswith(".gltf"):
             uri = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()

@@ -8,7 +8,7 @@ import numpy as np
 
 from aoprecalc.files.corners import split_corners
 from aoprecalc.files.damage import check_indices
-from aoprecalc.files.gltf_accessors import raw_rows, view_bytes
+from aoprecalc.files.gltf_accessors import doubles, raw_rows, view_bytes
 from aoprecalc.files.gltf_buffer import GltfBuffer
 from aoprecalc.files.gltf_document import GltfDocument, Json
 from aoprecalc.files.gltf_reader import GEOMETRY_EXTENSIONS, INSTANCING, GltfSource
@@ -35,7 +35,8 @@ def edit_document(
     """
     json = deepcopy(document.json)
     new_uvs = atlas.method != "keep"
-    new_normals = scene.normals is None or not np.array_equal(scene.normals, normals)
+    same_normals = scene.normals is not None and np.array_equal(scene.normals, normals)
+    new_normals = not (same_normals and all(_has_whole_normals(document, part) for part in scene.parts))
     if not (new_uvs or new_normals):
         sets = {place: 0 for place in map(_place, scene.parts) if "TEXCOORD_0" in _primitive(json, place)["attributes"]}
         return json, _carry_views(document, json, set(), set()), sets, ()
@@ -105,6 +106,12 @@ def _rewrite(
     for extension in GEOMETRY_EXTENSIONS:
         primitive.get("extensions", {}).pop(extension, None)
     return primitive
+
+
+def _has_whole_normals(document: GltfDocument, part: Part) -> bool:
+    """Tell whether the reader had no normal of a part to replace."""
+    values = doubles(document, _primitive(document.json, _place(part))["attributes"]["NORMAL"])
+    return bool((np.isfinite(values).all(axis=1) & values.any(axis=1)).all())
 
 
 def _local_normals(source: GltfSource, part: Part, normals: Floats) -> Floats:

@@ -61,6 +61,8 @@ def load_scene(path: str | PathLike[str]) -> Scene:
         raise InputError(f"{path}: does not fit into memory; use a smaller model") from error
     except Exception as error:  # whatever a damaged file provokes in a reader
         reason = " ".join(str(error).split())[:120] or type(error).__name__
+        if isinstance(error, KeyError):
+            reason = f"{reason} is missing or unknown"
         raise InputError(
             f"{path}: cannot be understood as {kind.upper()} ({reason}); the file is damaged, export it again"
         ) from error

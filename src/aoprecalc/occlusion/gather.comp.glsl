@@ -44,7 +44,7 @@ void main() {
         vec2 aside = (cell + 0.5 - map) * scale.xy;
         vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * scale.xy;
         float rise = dot(slope, aside) + g_along * (depth - dot(along, point));
-        float tolerance = scale.z + scale.w * length(aside);
+        float tolerance = scale.z + scale.w * abs(g_along) * length(aside);
 
         sum += vec2(rise <= tolerance ? weight : 0.0, weight);
     }

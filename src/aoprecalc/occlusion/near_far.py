@@ -15,8 +15,8 @@ _EMPTY = -3e38  # lies behind everything, seen from either end
 
 # How far an occluder must rise above the receiver's plane to hide it: FLOOR map texels, for the rounding of vertices to
 # 1/256 of a pixel and of depths to 32 bits, and SLOPE times the distance at which the map was read.
-FLOOR = 1.0 / 64.0
-SLOPE = 1.0
+FLOOR = 1.0 / 4.0
+SLOPE = 1.5
 
 
 class NearFarMaps:
@@ -60,6 +60,6 @@ class NearFarMaps:
         rows[:, :3] = projections.rows
         rows[:, :2, 3] += self._origins[:count]
         rows[:, 3, :2] = projections.pitch
-        rows[:, 3, 2] = FLOOR * projections.pitch.max(axis=1)
+        rows[:, 3, 2] = FLOOR * projections.pitch.min(axis=1)
         rows[:, 3, 3] = SLOPE
         return rows.astype(np.float32)

@@ -11,19 +11,19 @@ from aoprecalc.surface.normals import area_vectors
 
 LEAST, MOST = 512, 2048
 _STEP = 128
-_FINER = 1.5  # map texels across a surface texel: one would do for a distant occluder, not for one that touches
+_FINER = 1.25  # map texels across a surface texel: one would do for a distant occluder, not for one that touches
 _SOME_AXES = 128
 
 
 def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int) -> int:
     """Return the side of a map, 512 to 2048, at which its texel is smaller than one of the `texels` on the surface.
 
-    Of all axes' maps the mean side counts, seen as the root of their area.
+    What counts is the longer side of a map, in the mean over all axes.
     """
     area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.covers]), axis=1).sum()
     if not texels or not area:
         return LEAST
     pitch = project(axes(2 * _SOME_AXES), extreme_points(scene.positions), MOST).pitch
-    side = float(np.sqrt(pitch.prod(axis=1)).mean()) * MOST
+    side = float(pitch.max(axis=1).mean()) * MOST
     wanted = _FINER * side / math.sqrt(area / texels)
     return int(min(MOST, max(LEAST, math.ceil(wanted / _STEP) * _STEP)))

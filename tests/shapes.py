@@ -1,0 +1,97 @@
+"""Meshes with known answers, made in code. A shape is (positions (v, 3), faces (f, 3)), outward faces counter-clockwise."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from aoprecalc.model import Part, Scene
+
+
+def scene(positions, faces, uvs=None, normals=None) -> Scene:
+    """Make a Scene of a shape; uvs (f, 3, 2) and normals (f, 3, 3) at its corners are optional."""
+    positions, faces = np.asarray(positions, float), np.asarray(faces, np.int32)
+    part = Part("made", 0, len(faces), faces)
+    normals = None if normals is None else np.asarray(normals, np.float32)
+    return Scene(Path("made.obj"), "obj", positions, faces, normals, uvs, (part,))
+
+
+def quad(origin, right, up, cells=1):
+    """A parallelogram that faces right x up, of cells x cells x 2 triangles."""
+    steps = np.linspace(0, 1, cells + 1)
+    grid = np.asarray(origin, float) + np.add.outer(steps, 0)[:, None, None] * np.asarray(right, float)
+    positions = (grid + steps[None, :, None] * np.asarray(up, float)).reshape(-1, 3)
+    i, j = np.divmod(np.arange(cells * cells), cells)
+    a = i * (cells + 1) + j
+    b, c, d = a + cells + 1, a + cells + 2, a + 1
+    return positions, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def quad_uvs(low, high, cells=1):
+    """UVs at the corners of a quad, (f, 3, 2), that lay it out in the rectangle from low to high."""
+    positions, faces = quad((*low, 0), (high[0] - low[0], 0, 0), (0, high[1] - low[1], 0), cells)
+    return positions[faces][..., :2]
+
+
+def join(*shapes):
+    """One shape of several; positions are not shared between them."""
+    starts = np.cumsum([0] + [len(positions) for positions, _ in shapes])
+    return (
+        np.concatenate([positions for positions, _ in shapes]),
+        np.concatenate([faces + start for (_, faces), start in zip(shapes, starts, strict=False)]),
+    )
+
+
+def ball(divisions=3, radius=1.0):
+    """An icosahedron, divided, with every position on the sphere."""
+    golden = (1 + 5**0.5) / 2
+    corners = [(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)]
+    points = np.array([np.roll(corner, turn) for turn in range(3) for corner in corners])
+    points /= np.linalg.norm(points[0])
+    for _ in range(divisions):
+        triangles = points[hull(points)[1]]
+        middles = (triangles + np.roll(triangles, 1, axis=1)).reshape(-1, 3)
+        middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+        points = np.unique(np.concatenate([points, middles]).round(12), axis=0)
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+    positions, faces = hull(points)
+    return positions * radius, faces
+
+
+def hull(points):
+    """The convex hull of points, facing outwards."""
+    points = np.asarray(points, float)
+    faces = ConvexHull(points).simplices
+    a, b, c = points[faces].transpose(1, 0, 2)
+    inward = np.einsum("fx,fx->f", np.cross(b - a, c - a), a + b + c - 3 * points.mean(axis=0)) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    used, faces = np.unique(faces, return_inverse=True)
+    return points[used], faces.reshape(-1, 3)
+
+
+def box(low=(-1, -1, -1), high=(1, 1, 1)):
+    """An axis-aligned box."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    return hull(np.asarray(low) + corners * (np.asarray(high) - np.asarray(low)))
+
+
+def torus(major=1.0, minor=0.4, around=48, across=24):
+    """A ring about the z axis."""
+    u, v = np.meshgrid(2 * np.pi * np.arange(around) / around, 2 * np.pi * np.arange(across) / across, indexing="ij")
+    ring = major + minor * np.cos(v)
+    positions = np.stack([ring * np.cos(u), ring * np.sin(u), minor * np.sin(v)], axis=-1).reshape(-1, 3)
+    i, j = np.divmod(np.arange(around * across), across)
+    a = i * across + j
+    b = (i + 1) % around * across + j
+    c = (i + 1) % around * across + (j + 1) % across
+    d = i * across + (j + 1) % across
+    return positions, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def disc(radius, height, sections=128):
+    """A disc that faces down, coaxial with the z axis."""
+    angle = 2 * np.pi * np.arange(sections) / sections
+    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(sections, height)])
+    ahead = np.roll(np.arange(sections), -1)
+    faces = np.column_stack([np.full(sections, sections), ahead, np.arange(sections)])
+    return np.concatenate([rim, [[0.0, 0.0, height]]]), faces
