@@ -1,59 +1,71 @@
 """Reads STL, binary or ASCII. Its triangles share nothing and its normals are those of the faces: neither is kept."""
 
 import re
+import warnings
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.files.damage import damaged
 from aoprecalc.files.pieces import Piece, build_scene
-from aoprecalc.model import Doubles, Scene
+from aoprecalc.model import Scene
 
 HEADER = 84  # 80 bytes of text and the number of faces
-FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+FACE = 50  # bytes of one face
 
-_SOLID = re.compile(rb"^[ \t]*solid[ \t]*([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
-_VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+_SOLID = re.compile(r"\s*solid\b", re.IGNORECASE)
+_FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
+_VERTEX = re.compile(r"^[ \t]*vertex((?:[ \t]+\S+)*)[ \t]*$", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(path: Path, data: bytes) -> Scene:
-    """Read an STL file of the given bytes; raises InputError where it is damaged or has no usable faces."""
-    if _SOLID.match(data) and b"\0" not in data:
-        return build_scene(path, "stl", _ascii_pieces(path, data))
+    """Read an STL file of the given bytes, each solid of an ASCII file as a piece.
+
+    Raises InputError where it is damaged or has no usable faces.
+    """
+    text = "" if b"\0" in data else data.decode("utf-8", "surrogateescape")
+    if _SOLID.match(text):
+        return build_scene(path, "stl", _read_text(path, StringIO(text, newline=None).read()))
     faces = int.from_bytes(data[HEADER - 4 : HEADER], "little")
-    size = HEADER + faces * FACE.itemsize
+    size = HEADER + faces * FACE
     if len(data) < max(size, HEADER):
         raise damaged(path, f"{faces} faces in {size} bytes were expected, but it has {len(data)} bytes")
-    corners = np.frombuffer(data, FACE, faces, HEADER)["corners"].reshape(-1, 3).astype(np.float64)
     said = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
-    return build_scene(path, "stl", [_soup("mesh", corners)], warnings=said)
+    return build_scene(path, "stl", _read_binary(data[:size]), warnings=said)
 
 
-def _ascii_pieces(path: Path, data: bytes) -> list[Piece]:
-    """Return one piece for each `solid`."""
-    solids = list(_SOLID.finditer(data))
-    ends = [solid.start() for solid in solids[1:]] + [len(data)]
-    pieces = []
-    for solid, end in zip(solids, ends, strict=True):
-        rows = [row.split() for row in _VERTEX.findall(data, solid.end(), end)]
-        try:
-            corners = np.array(rows, dtype=np.float64).reshape(-1, 3)
-        except ValueError:
-            wrong = next(b" ".join(row) for row in rows if len(row) != 3 or not _are_numbers(row))
-            raise damaged(path, f"a vertex is {wrong[:60].decode('latin-1')!a}, three numbers were expected") from None
-        if len(corners) % 3:
-            raise damaged(path, f"it has {len(corners)} vertices, three for each face were expected")
-        name = solid[1].decode("utf-8", "surrogateescape").strip()
-        pieces.append(_soup(name or "mesh", corners))
+def _read_binary(data: bytes) -> list[Piece]:
+    from trimesh.exchange.stl import load_stl_binary  # takes half a second, which other formats should not pay
+
+    loaded = load_stl_binary(BytesIO(data))
+    return [_soup("mesh", loaded["vertices"])] if "vertices" in loaded else []
+
+
+def _read_text(path: Path, text: str) -> list[Piece]:
+    """Return one piece for each solid; raises InputError unless every vertex of the text is in one of them."""
+    from trimesh.exchange.stl import load_stl_ascii
+
+    vertices = _VERTEX.findall(text)
+    wrong = next((words.strip() for words in vertices if len(words.split()) != 3), None)
+    if wrong is not None:
+        raise damaged(path, f"a vertex is {wrong[:60]!a}, three numbers were expected")
+    facets = len(_FACET.findall(text))
+    if len(vertices) != 3 * facets:
+        raise damaged(path, f"it has {len(vertices)} vertices, three for each of {facets} facets were expected")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of words that are no numbers, which are noticed below
+        loaded = load_stl_ascii(StringIO(text))
+    solids = loaded["geometry"] if "geometry" in loaded else {loaded["metadata"]["name"]: loaded}
+    pieces = [_soup(name, solid["vertices"]) for name, solid in solids.items()]
+    # trimesh stops without a word at what is not a number, and leaves out a solid that has no end.
+    found = sum(len(piece.positions) for piece in pieces)
+    if found != len(vertices):
+        raise damaged(path, f"only {found} of its {len(vertices)} vertices are numbers between solid and endsolid")
     return pieces
 
 
-def _are_numbers(words: list[bytes]) -> bool:
-    try:
-        return bool([float(word) for word in words])
-    except ValueError:
-        return False
-
-
-def _soup(name: str, corners: Doubles) -> Piece:
-    return Piece(name, corners, np.arange(len(corners)).reshape(-1, 3))
+def _soup(name: str, corners: NDArray[np.floating]) -> Piece:
+    return Piece(name, corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3))

@@ -8,9 +8,9 @@
 
 layout(local_size_x = LOCAL_SIZE) in;
 
-// Per axis: map x, map y (both in texels of `maps`), depth, and (pitch x, pitch y, tolerance, tolerance per distance).
+// Per axis: map x, map y, depth; (pitch x, pitch y, tolerance, tolerance per distance); first map texel of the tile.
 // A uniform block, not a storage buffer: llvmpipe reads the latter lane by lane.
-layout(std140, binding = 0) uniform Axes { vec4 rows[4 * MOST_AXES]; };
+layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
 layout(std430, binding = 1) readonly buffer Points { vec4 points[]; };  // position, packed shading normal
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
 layout(std430, binding = 3) readonly buffer Normals { float face_normals[]; };
@@ -31,14 +31,14 @@ void main() {
 
     // One axis after the other, so that the sums do not depend on how axes are batched.
     vec2 sum = sums[texel];
-    for (int axis = 0; axis < 4 * axis_count; axis += 4) {
+    for (int axis = 0; axis < 5 * axis_count; axis += 5) {
         vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2], scale = rows[axis + 3];
         float g_along = dot(g, along.xyz), n_along = dot(n, along.xyz);
         float weight = max(0.0, g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0);
 
         vec2 map = vec2(dot(across, point), dot(upward, point));
         vec2 cell = floor(map);
-        vec2 ends = texelFetch(maps, ivec2(cell), 0).rg;
+        vec2 ends = texelFetch(maps, ivec2(cell + rows[axis + 4].xy), 0).rg;
         float depth = g_along > 0.0 ? ends.x : -ends.y;
 
         vec2 aside = (cell + 0.5 - map) * scale.xy;

@@ -10,7 +10,7 @@ from aoprecalc.occlusion.projection import Projections
 MOST_AXES = 64  # of one batch
 _TARGET_BYTES = 1 << 25  # of one batch of maps
 _CELL_BYTES = 8  # two 32-bit floats
-_AXIS_BYTES = 64  # four rows of four 32-bit floats
+_AXIS_BYTES = 80  # five rows of four 32-bit floats
 _EMPTY = -3e38  # lies behind everything, seen from either end
 
 # How far an occluder must rise above the receiver's plane to hide it: FLOOR map texels, for the rounding of vertices to
@@ -54,11 +54,11 @@ class NearFarMaps:
         self._mesh.render(moderngl.TRIANGLES, instances=count)
 
     def _axis_rows(self, projections: Projections) -> Floats:
-        """What the shaders read for each axis, (a, 4, 4) float32: the projection into its tile, then pitch and tolerance."""
+        """What the shaders read for each axis, (a, 5, 4) float32: the projection, pitch and tolerance, and the tile."""
         count = len(projections.rows)
-        rows = np.zeros((count, 4, 4))
+        rows = np.zeros((count, 5, 4))
         rows[:, :3] = projections.rows
-        rows[:, :2, 3] += self._origins[:count]
+        rows[:, 4, :2] = self._origins[:count]
         rows[:, 3, :2] = projections.pitch
         rows[:, 3, 2] = FLOOR * projections.pitch.min(axis=1)
         rows[:, 3, 3] = SLOPE

@@ -1,6 +1,8 @@
 // Occluders seen along several axes at once: one instance an axis, one tile of the target an instance.
 
-layout(std140, binding = 0) uniform Axes { vec4 rows[4 * MOST_AXES]; };
+const float GRID = 256.0;  // rasterisers snap to it; snapping first makes a map the same in every tile
+
+layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
 
 uniform vec2 target_size;  // map texels
 
@@ -8,9 +10,10 @@ in vec3 in_position;
 out float depth;
 
 void main() {
-    int axis = 4 * gl_InstanceID;
+    int axis = 5 * gl_InstanceID;
     vec4 point = vec4(in_position, 1.0);
     vec2 map = vec2(dot(rows[axis], point), dot(rows[axis + 1], point));
+    map = round(map * GRID) / GRID + rows[axis + 4].xy;
     depth = dot(rows[axis + 2], point);
     gl_Position = vec4(map / target_size * 2.0 - 1.0, 0.0, 1.0);
 }

@@ -1,6 +1,7 @@
 // A border drawn so wide that every texel whose square it touches gets a fragment.
 
 const float REACH = 0.75;  // more than half a texel's diagonal
+const float GRID = 256.0;  // see triangle.vert.glsl
 
 uniform vec2 origin;  // first texel of the band
 uniform vec2 size;    // texels of the band
@@ -24,5 +25,6 @@ void main() {
     vec2 across = vec2(-along.y, along.x);
     bool is_end = gl_VertexID >= 2, is_left = gl_VertexID % 2 == 0;
     vec2 texel = (is_end ? end + REACH * along : start - REACH * along) + (is_left ? REACH : -REACH) * across;
-    gl_Position = vec4((texel - origin) / size * 2.0 - 1.0, 0.0, 1.0);
+    texel = round(texel * GRID) / GRID - origin;
+    gl_Position = vec4(texel / size * 2.0 - 1.0, 0.0, 1.0);
 }

@@ -1,17 +1,27 @@
 // A chart's triangle, moved so that its fragments are taken at `sample_at` in each texel's square instead of the centre.
 
+const float GRID = 256.0;  // rasterisers snap to it; snapping first makes the result the same in every band
+
 uniform vec2 sample_at;  // in [0, 1)^2
 uniform vec2 origin;     // first texel of the band
 uniform vec2 size;       // texels of the band
 
-in vec2 in_texel;
+in vec2 in_a;
+in vec2 in_b;
+in vec2 in_c;
 in float in_face;
-out vec2 weights;
+flat out vec2 a;
+flat out vec2 b;
+flat out vec2 c;
 flat out float face;
 
 void main() {
-    int corner = gl_VertexID % 3;
-    weights = vec2(corner == 1, corner == 2);
+    a = in_a;
+    b = in_b;
+    c = in_c;
     face = in_face;
-    gl_Position = vec4((in_texel - origin + 0.5 - sample_at) / size * 2.0 - 1.0, -1.0, 1.0);
+    int corner = gl_VertexID % 3;
+    vec2 texel = (corner == 0 ? a : corner == 1 ? b : c) + 0.5 - sample_at;
+    texel = round(texel * GRID) / GRID - origin;
+    gl_Position = vec4(texel / size * 2.0 - 1.0, -1.0, 1.0);
 }

@@ -1,0 +1,62 @@
+"""The value that is baked, from its sums and from whole bakes."""
+
+import numpy as np
+import pytest
+from shapes import ball, quad, scene
+
+from aoprecalc.files.images import quantize
+from aoprecalc.occlusion.estimate import estimate
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
+
+
+def test_ratio_is_the_quotient_and_needs_a_denominator():
+    values, measured = estimate(np.array([[1.0, 4.0], [0.0, 2.0], [3.0, 3.0], [0.0, 0.0]]), 100, "ratio")
+    assert values.tolist() == [0.25, 0.0, 1.0, 0.0]
+    assert measured.tolist() == [True, True, True, False]
+
+
+def test_mean_is_the_sources_sum_clamped():
+    values, _ = estimate(np.array([[10.0, 25.0], [30.0, 31.0]]), 100, "mean")
+    assert values.tolist() == pytest.approx([0.4, 1.0])
+
+
+def test_random_directions_exceed_one_but_never_wrap():
+    """Equation 1.1.1.1 by random directions: some open texels sum to more than 1, which must be stored as 255, never 0."""
+    shape = scene(*ball(2))
+    options = BakeOptions(width=64, height=64, directions=50, sampling="random", seed=3, estimator="mean")
+    texture = bake_scene(shape, options).texture
+    stored = quantize(texture.values, "8")[texture.valid]
+    assert texture.values.max() == 1.0
+    assert (stored == 255).any()
+    assert stored.min() > 100
+
+
+def test_random_directions_follow_the_seed():
+    shape = scene(*ball(1))
+    pictures = [
+        bake_scene(
+            shape,
+            BakeOptions(width=32, height=32, directions=64, sampling="random", seed=seed, estimator="mean"),
+        ).texture.values
+        for seed in (1, 1, 2)
+    ]
+    assert (pictures[0] == pictures[1]).all()
+    assert (pictures[0] != pictures[2]).any()
+
+
+def test_an_odd_number_of_directions_is_rounded_up_and_said():
+    baked = bake_scene(scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0))), BakeOptions(width=16, height=16, directions=99))
+    assert baked.directions == 100
+    assert "100 directions" in baked.warnings[0]
+
+
+def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
+    """For an open flat face with shading normal n and geometric normal g, mean tends to (1 + n.g) / 2."""
+    tilt = np.array([np.sin(0.8), 0, np.cos(0.8)])
+    normals = np.broadcast_to(tilt, (2, 3, 3))
+    plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
+    for estimator, expected in (("ratio", 1.0), ("mean", (1 + np.cos(0.8)) / 2)):
+        options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator)
+        texture = bake_scene(plane, options).texture
+        assert texture.values[texture.valid] == pytest.approx(expected, abs=0.003)

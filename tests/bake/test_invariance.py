@@ -1,0 +1,101 @@
+"""What must not change a bake: where the mesh is, how large, how turned, mirrored, batched, or baked before."""
+
+import numpy as np
+import pytest
+from shapes import ball, join, quad, quad_uvs, scene, torus
+
+from aoprecalc.gl.context import open_renderer
+from aoprecalc.occlusion import near_far
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
+from aoprecalc.texspace import raster
+
+OPTIONS = BakeOptions(width=96, height=96, directions=512, shadow_size=512)
+SAMPLING_ERROR = 0.0092  # RMS between two sets of 512 directions, each with an error of 0.0065 against all directions
+
+
+def still_life():
+    """A ball over a floor, with UVs: the floor on the left, the ball's halves on the right."""
+    positions, faces = ball(2, 0.5)
+    positions = positions + (0.1, 0.2, 0.6)
+    floor = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    cells = int(np.ceil(np.sqrt(len(faces))))
+    corner = np.array([(0.1, 0.1), (0.9, 0.1), (0.1, 0.9)])
+    place = np.column_stack(np.divmod(np.arange(len(faces)), cells))[:, None]
+    ball_uvs = (place + corner) / cells * (0.5, 1) + (0.5, 0)
+    return *join(floor, (positions, faces)), np.concatenate([quad_uvs((0, 0), (0.48, 1)), ball_uvs])
+
+
+def bake(positions, faces, uvs, options=OPTIONS):
+    return bake_scene(scene(positions, faces, uvs), options).texture
+
+
+def rotation(seed):
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+@pytest.fixture(scope="module")
+def baseline():
+    return bake(*still_life())
+
+
+@pytest.mark.parametrize(
+    ("scale", "shift"), [(1e-4, 0.0), (1e4, 0.0), (1.0, 1e4), (1e-4, 1.0), (1e4, 1e8)], ids=str
+)
+def test_scale_and_place_change_nothing(baseline, scale, shift):
+    positions, faces, uvs = still_life()
+    moved = bake(positions * scale + shift * np.array([1, -0.7, 0.4]), faces, uvs)
+    assert (moved.valid == baseline.valid).all()
+    assert np.abs(moved.values - baseline.values).max() < 0.02
+    assert np.sqrt(np.mean((moved.values - baseline.values) ** 2)) < 0.001
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_turning_changes_nothing_beyond_sampling(baseline, seed):
+    positions, faces, uvs = still_life()
+    turned = bake(positions @ rotation(seed).T, faces, uvs)
+    difference = (turned.values - baseline.values)[baseline.valid]
+    assert np.sqrt(np.mean(difference**2)) < SAMPLING_ERROR
+    assert abs(difference.mean()) < 0.001
+
+
+def test_mirroring_changes_nothing_beyond_sampling(baseline):
+    positions, faces, uvs = still_life()
+    mirrored = bake(positions * (-1, 1, 1), faces[:, ::-1], uvs[:, ::-1])
+    difference = (mirrored.values - baseline.values)[baseline.valid & mirrored.valid]
+    assert (mirrored.valid == baseline.valid).mean() > 0.999
+    assert np.sqrt(np.mean(difference**2)) < SAMPLING_ERROR
+
+
+def test_the_same_bytes_run_after_run(baseline):
+    again = bake(*still_life())
+    assert again.values.tobytes() == baseline.values.tobytes()
+    assert again.valid.tobytes() == baseline.valid.tobytes()
+
+
+def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
+    monkeypatch.setattr(near_far, "_TARGET_BYTES", 1)  # one map at a time
+    monkeypatch.setattr(raster, "_BAND_TEXELS", 7 * 96)
+    assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
+
+
+def test_more_directions_come_closer():
+    positions, faces = torus()
+    shape = scene(positions, faces)
+
+    def picture(directions):
+        return bake_scene(shape, BakeOptions(width=256, height=256, directions=directions)).texture
+
+    truth = picture(4000)
+    errors = [np.abs((picture(n).values - truth.values)[truth.valid]).mean() for n in (32, 128, 512)]
+    assert errors[0] > 1.5 * errors[1]
+    assert errors[1] > 1.5 * errors[2]
+
+
+def test_nothing_is_left_on_the_renderer():
+    with open_renderer() as renderer:
+        context = renderer.context
+        assert context.error == "GL_NO_ERROR"
+    assert len(context.objects) == 0
