@@ -27,7 +27,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "padding": (0, 256),
     "crease_angle": (0, 180),
     "threads": (0, 1024),
-    "seed": (0, 2**63 - 1),
+    "seed": (0, 2**32 - 1),
     "spheres": (1, 1_000_000),
     "samples": (1, 100_000_000),
     "max_iterations": (1, 1_000_000),

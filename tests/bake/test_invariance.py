@@ -41,9 +41,7 @@ def baseline():
     return bake(*still_life())
 
 
-@pytest.mark.parametrize(
-    ("scale", "shift"), [(1e-4, 0.0), (1e4, 0.0), (1.0, 1e4), (1e-4, 1.0), (1e4, 1e8)], ids=str
-)
+@pytest.mark.parametrize(("scale", "shift"), [(1e-4, 0.0), (1e4, 0.0), (1.0, 1e4), (1e-4, 1.0), (1e4, 1e8)], ids=str)
 def test_scale_and_place_change_nothing(baseline, scale, shift):
     positions, faces, uvs = still_life()
     moved = bake(positions * scale + shift * np.array([1, -0.7, 0.4]), faces, uvs)

@@ -62,6 +62,25 @@ def test_ply_uvs_and_normals_of_vertices(save):
     assert np.array_equal(scene.normals, np.broadcast_to([0, 0, 1], (2, 3, 3)))
 
 
+def test_ply_quads_alone(save):
+    assert load_scene(save("a.ply", QUADS + b"tail")).parts[0].vertices.tolist() == [
+        [0, 1, 2],
+        [0, 2, 3],
+        [3, 2, 1],
+        [3, 1, 0],
+    ]
+
+
+def test_ply_comments_of_any_letters_and_windows_lines(save):
+    text = HEAD.replace("1.0\n", "1.0\ncomment TextureFile über.png\n") + FACE + SQUARE + "4 0 1 2 3\n"
+    assert len(load_scene(save("a.ply", text.replace("\n", "\r\n"))).faces) == 2
+
+
+def test_ply_empty_polygons_are_left_out(save):
+    scene = load_scene(save("a.ply", HEAD + FACE.replace("face 1", "face 2") + SQUARE + "0\n3 0 1 2\n"))
+    assert len(scene.faces) == 1
+
+
 def test_ply_uvs_of_face_corners(save):
     text = (
         HEAD + "element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\n"
@@ -93,6 +112,17 @@ def test_stl_with_bytes_after_its_last_face(cube, save):
     assert scene.warnings == ("4 bytes after the last face are ignored",)
 
 
+def test_stl_solids_become_parts(save):
+    scene = load_scene(save("a.stl", SOLID.replace(" x\n", " Left wing\n") + SOLID.replace(" x\n", "\n")))
+    assert [(part.name, part.start, part.stop) for part in scene.parts] == [("Left wing", 0, 1), ("mesh", 1, 2)]
+
+
+def test_stl_normals_that_are_no_numbers_do_no_harm(save, capfd):
+    scene = load_scene(save("a.stl", SOLID.replace("normal 0 0 1", "normal x y z")))
+    assert scene.corners.tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
+    assert capfd.readouterr() == ("", "")
+
+
 def test_off_mixes_polygons_colours_and_comments(save, cube):
     points, quads, _, _ = cube
     rows = ["OFF # the kind", "8 7 0", "# points", *(f"{x} {y} {z}" for x, y, z in points), ""]
@@ -102,7 +132,18 @@ def test_off_mixes_polygons_colours_and_comments(save, cube):
 
 
 STL = b"\0" * 80 + struct.pack("<I", 3) + b"\0" * 50
+SOLID = (
+    "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid x\n"
+)
 LONG = "9" * 15
+BINARY = "ply\nformat binary_little_endian 1.0\n"
+FACE = "element face 1\nproperty list int int vertex_indices\nend_header\n"
+QUADS = (
+    HEAD.replace("ascii", "binary_little_endian").encode()
+    + b"element face 2\nproperty list uint int vertex_indices\nend_header\n"
+    + struct.pack("<12f", *map(float, SQUARE.split()))
+    + struct.pack("<I4iI4i", 4, 0, 1, 2, 3, 4, 3, 2, 1, 0)
+)
 
 
 @pytest.mark.parametrize(
@@ -114,12 +155,20 @@ LONG = "9" * 15
         ("a.ply", HEAD + "end_header\n0 0 0\n", "promises 4 of 'vertex'"),
         ("a.ply", HEAD.replace("vertex 4", f"vertex {LONG}") + "end_header\n" + SQUARE, f"promises {LONG} of 'vertex'"),
         ("a.ply", f"ply\nformat ascii 1.0\nelement vertex {LONG}\nend_header\n", "no x, y and z"),
+        ("a.ply", f"{BINARY}element vertex {LONG}\nend_header\n", "no x, y and z"),
+        ("a.ply", HEAD.replace("vertex 4", "vertex -4") + "end_header\n", "promises -4 of 'vertex'"),
+        ("a.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "no x, y and z"),
         ("a.ply", HEAD + "property list uchar odd z\nend_header\n", "a property was expected"),
         (
             "a.ply",
             HEAD + "element face 1\nproperty list int int vertex_indices\nend_header\n" + SQUARE + f"{LONG} 0 1 2\n",
             "not all of the 1 expected rows of 'face'",
         ),
+        ("a.ply", HEAD + FACE + SQUARE + "3 0 1\n", "expected rows of 'face'"),
+        ("a.ply", HEAD + FACE + SQUARE + "3 0 1 x\n", "could not convert string"),
+        ("a.ply", HEAD + FACE + SQUARE + "-1 0 1 2\n", "expected rows of 'face'"),
+        ("a.ply", QUADS[:-1], "expected rows of 'face'"),
+        ("a.ply", QUADS[:-20] + struct.pack("<I4i", 2**32 - 1, 0, 1, 2, 3), "expected rows of 'face'"),
         (
             "a.ply",
             HEAD + "element face 1\nproperty list int int vertex_indices\nend_header\n" + SQUARE + "3 0 1 4\n",
@@ -128,7 +177,11 @@ LONG = "9" * 15
         ("a.stl", STL, "3 faces in 234 bytes were expected"),
         ("a.stl", "solid x\nendsolid x\n", "no faces"),
         ("a.stl", "solid x\nvertex 0 0 0\nvertex 1 0\nvertex 0 1 0\n", "a vertex is '1 0'"),
-        ("a.stl", "solid x\nvertex 0 0 0\nvertex 1 0 0\n", "2 vertices, three for each face"),
+        ("a.stl", "solid x\nfacet\nvertex 0 0 0\nvertex 1 0 0\n", "2 vertices, three for each of 1 facets"),
+        ("a.stl", SOLID.replace("endfacet\n", "vertex 1 1 0\nendfacet\n"), "4 vertices, three for each of 1 facets"),
+        ("a.stl", SOLID.replace("vertex 1 0 0", "vertex 1 one 0"), "could not be read to its end"),
+        ("a.stl", SOLID.replace("vertex 1 0 0", "vertex nan 0 0"), "not finite"),
+        ("a.stl", SOLID + SOLID.replace("endsolid x\n", ""), "only 3 of its 6 vertices"),
         ("a.stl", "nothing of the kind", "bytes were expected"),
         ("a.off", f"OFF\n{LONG} 1 0\n0 0 0\n3 0 0 0\n", f"promises {LONG} vertices"),
         ("a.off", "PLY\n", "OFF and its counts were expected"),

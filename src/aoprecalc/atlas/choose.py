@@ -31,7 +31,9 @@ def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, 
         progress.note(f"new UVs, as the file's cannot hold a bake: {fault}")
     method = options.unwrap
     if method == "uvunwrap" and find_spec("uvunwrap") is None:
-        raise UsageError("--unwrap uvunwrap: the package is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
+        raise UsageError(
+            "--unwrap uvunwrap: the package is not installed; `pip install uvunwrap`, or use --unwrap xatlas"
+        )
     if method in ("auto", "keep"):
         large = len(scene.faces) > LARGE_MESH and find_spec("uvunwrap") is not None
         method = "uvunwrap" if large else "xatlas"

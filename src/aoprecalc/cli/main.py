@@ -42,7 +42,12 @@ class _Group(click.Group):
             _fail(f"{type(error).__name__}: {error}; this is a fault of aoprecalc, -v shows where", 1, error)
 
 
-@click.group(cls=_Group, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=_Group,
+    epilog=EPILOG,
+    no_args_is_help=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__, "--version", prog_name="aoprecalc")
 def main() -> None:
     """Precompute ambient-occlusion textures and shadow-casting spheres for triangle meshes.

@@ -12,7 +12,9 @@ from aoprecalc.options import RANGES
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def option(*names: str, of: type, field: str, help: str, type: click.ParamType | None = None) -> Callable[[Command], Command]:
+def option(
+    *names: str, of: type, field: str, help: str, type: click.ParamType | None = None
+) -> Callable[[Command], Command]:
     """Return a click option for one field of an options class, with its default, and its choices or range in the help."""
     default = next(entry.default for entry in fields(of) if entry.name == field)
     hint = get_type_hints(of)[field]
@@ -21,10 +23,10 @@ def option(*names: str, of: type, field: str, help: str, type: click.ParamType |
         type = click.Choice(choices)
     elif type is None:
         low, high = RANGES[field]
-        range_type = click.FloatRange if float in (hint, *get_args(hint)) else click.IntRange
-        type = range_type(low, high)
-        help = f"{help} [{low:g} to {high:g}]"
-    return click.option(*names, field, default=default, show_default=default is not None, type=type, help=help)
+        type = click.FloatRange(low, high) if float in (hint, *get_args(hint)) else click.IntRange(int(low), int(high))
+    metavar = None if choices else "DEG" if field.endswith("angle") else "N"
+    shown = default is not None
+    return click.option(*names, field, default=default, show_default=shown, type=type, metavar=metavar, help=help)
 
 
 def common(command: Command) -> Command:

@@ -13,7 +13,9 @@ O = SphereOptions
 
 @click.command(short_help="Fit spheres that stand in for a mesh.")
 @click.argument("mesh")
-@click.option("-o", "--output", metavar="PATH", help="The sphere set (.json), or a folder. [default: <stem>_spheres.json]")
+@click.option(
+    "-o", "--output", metavar="PATH", help="The sphere set (.json), or a folder. [default: <stem>_spheres.json]"
+)
 @option("-n", "--spheres", of=O, field="spheres", help="How many.")
 @option("-s", "--samples", of=O, field="samples", help="Points drawn on the surface.")
 @option("--seed", of=O, field="seed", help="Of the samples and every random choice.")

@@ -4,28 +4,23 @@ trimesh's reader is not used for this format: it refuses binary files that mix t
 strips for a cloud of points, and reorders the vertices where there are UVs.
 """
 
-import re
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyListProperty, PlyParseError
 
 from aoprecalc.files.damage import check_indices, damaged
 from aoprecalc.files.pieces import Piece, build_scene
+from aoprecalc.files.ply_table import Element, Property, Table, read_table
 from aoprecalc.files.polygons import polygon_triangles, strip_triangles
 from aoprecalc.model import Doubles, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 VERTEX_NORMALS = ("nx", "ny", "nz")
 FACE_LISTS = ("vertex_indices", "vertex_index")
-
-_HEADER_END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,121 +33,82 @@ class PlyDocument:
     columns: dict[str, NDArray[Any]]
 
 
-@dataclass(frozen=True, eq=False)
-class _Lists:
-    """A list for every row of an element: `values` end to end, `counts` (rows,) of them each."""
-
-    counts: NDArray[np.int64]
-    values: NDArray[Any]
-
-
 def read_ply(path: Path, data: bytes) -> Scene:
-    """Read a PLY file of the given bytes.
-
-    Raises InputError where it promises more than it has or has no usable faces, and what plyfile raises (ValueError,
-    PlyParseError and the like) where it cannot be understood, of which load_scene makes an InputError.
-    """
-    ply = _parse(path, data)
-    columns = _columns(ply, "vertex")
-    if not all(axis in columns for axis in "xyz"):
+    """Read a PLY file of the given bytes; raises InputError where it is damaged or has no usable faces."""
+    elements, body, order = _header(path, data)
+    tables = read_table(path, elements, body, order)
+    vertex = tables.get("vertex", Table({}, {}))
+    if not all(axis in vertex.columns for axis in "xyz"):
         raise damaged(path, "its vertices have no x, y and z, which were expected")
-    positions = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
-    uv_names = next((names for names in VERTEX_UVS if all(name in columns for name in names)), None)
+    positions = np.column_stack([vertex.columns[axis] for axis in "xyz"]).astype(np.float64)
+    uv_names = next((names for names in VERTEX_UVS if all(name in vertex.columns for name in names)), None)
 
-    vertices, corner_uvs = _faces(positions, _lists(ply, "face"))
-    strips = _strips(_lists(ply, "tristrips"))
+    vertices, corner_uvs = _faces(positions, tables)
+    strips = _strips(tables)
     if len(strips):
         vertices, corner_uvs = np.concatenate([vertices, strips]), None
     check_indices(path, vertices, len(positions))
     if uv_names is not None:
-        corner_uvs = np.column_stack([columns[name] for name in uv_names])[vertices]
+        corner_uvs = np.column_stack([vertex.columns[name] for name in uv_names])[vertices]
     normals = None
-    if all(name in columns for name in VERTEX_NORMALS):
-        normals = np.column_stack([columns[name] for name in VERTEX_NORMALS])[vertices]
+    if all(name in vertex.columns for name in VERTEX_NORMALS):
+        normals = np.column_stack([vertex.columns[name] for name in VERTEX_NORMALS])[vertices]
 
     known = {*"xyz", *VERTEX_NORMALS, *(uv_names or ())}
-    document = PlyDocument({name: column for name, column in columns.items() if name not in known})
+    document = PlyDocument({name: column for name, column in vertex.columns.items() if name not in known})
     return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, corner_uvs)], document)
 
 
-def _parse(path: Path, data: bytes) -> PlyData:
-    """Return what plyfile makes of the bytes, after checks that it does not make itself."""
-    end = _HEADER_END.search(data)
-    if not data.startswith(b"ply") or end is None:
-        raise damaged(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
-    # plyfile takes only ASCII, also in comments, where others write the names of files.
-    words = [line.split() for line in data[: end.end()].splitlines()]
-    header = b"".join(b" ".join(line) + b"\n" for line in words if line[:1] not in ([], [b"comment"], [b"obj_info"]))
-    # plyfile sets memory aside for what the header promises, so that has to be possible.
-    is_text = _check_promises(path, header, len(data) - end.end())
-
-    with TemporaryFile() as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # plyfile's loadtxt warns of empty lists
-        file.write(header)
-        file.write(memoryview(data)[end.end() :])
-        # Lists of one length, known beforehand, are read at once; others one after another.
-        for corners in () if is_text else (3, 4):
-            file.seek(0)
-            lengths = {**dict.fromkeys(FACE_LISTS, corners), "texcoord": 2 * corners}
-            try:
-                return PlyData.read(file, known_list_len={"face": lengths})
-            except (PlyParseError, ValueError):
-                continue
-        file.seek(0)
-        return PlyData.read(file)
-
-
-def _check_promises(path: Path, header: bytes, size: int) -> bool:
-    """Raise InputError if the elements cannot fit into a body of `size` bytes; return whether the body is text."""
-    counts = re.findall(rb"^element \S+ (\S+)$", header, re.MULTILINE)
-    without_rows = PlyData.read(BytesIO(re.sub(rb"^(element \S+) \S+$", rb"\1 0", header, flags=re.MULTILINE)))
-    left = size + 1  # the last line of a text may lack its end
-    for element, count in zip(without_rows.elements, map(int, counts), strict=True):
-        kinds = [prop.len_dtype if isinstance(prop, PlyListProperty) else prop.val_dtype for prop in element.properties]
-        row = 2 * len(kinds) if without_rows.text else sum(np.dtype(kind).itemsize for kind in kinds)
-        left -= count * max(row, 1)
-        if count < 0 or left < 0:
-            raise damaged(path, f"its header promises {count} of {element.name!a}, but it ends before that")
-    return bool(without_rows.text)
-
-
-def _columns(ply: PlyData, name: str) -> dict[str, NDArray[Any]]:
-    """Return the (rows,) numbers of an element by the name of the property, in the byte order of this machine."""
-    if name not in ply:
-        return {}
-    numbers = [prop for prop in ply[name].properties if not isinstance(prop, PlyListProperty)]
-    return {prop.name: ply[name][prop.name].astype(prop.val_dtype) for prop in numbers}
-
-
-def _lists(ply: PlyData, name: str) -> dict[str, _Lists]:
-    """Return the lists of an element by the name of the property."""
-    lists = {}
-    for prop in ply[name].properties if name in ply else ():
-        rows = ply[name][prop.name]
-        if isinstance(prop, PlyListProperty) and len(rows):
-            counts = np.fromiter(map(len, rows), np.int64, len(rows))
-            lists[prop.name] = _Lists(counts, np.concatenate(rows) if rows.ndim == 1 else rows.reshape(-1))
-    return lists
-
-
-def _faces(positions: Doubles, lists: dict[str, _Lists]) -> tuple[NDArray[np.int64], Doubles | None]:
+def _faces(positions: Doubles, tables: dict[str, Table]) -> tuple[NDArray[np.int64], Doubles | None]:
     """Return (f, 3) vertices and, where the faces carry UVs themselves, (f, 3, 2) UVs at the corners."""
-    polygons = next((lists[name] for name in FACE_LISTS if name in lists), None)
+    face = tables.get("face", Table({}, {}))
+    polygons = next((face.lists[name] for name in FACE_LISTS if name in face.lists), None)
     if polygons is None:
         return np.empty((0, 3), dtype=np.int64), None
     vertices = polygons.values.astype(np.int64)
     known = (vertices >= 0) & (vertices < len(positions))
     # Indices that are wrong are reported later; until then any position will do.
     triangles, _ = polygon_triangles(polygons.counts, np.where(known, vertices, 0), positions)
-    texcoord = lists.get("texcoord")
+    texcoord = face.lists.get("texcoord")
     if texcoord is None or not np.array_equal(texcoord.counts, 2 * polygons.counts):
         return vertices[triangles], None
     return vertices[triangles], texcoord.values.astype(np.float64).reshape(-1, 2)[triangles]
 
 
-def _strips(lists: dict[str, _Lists]) -> NDArray[np.int64]:
+def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
     """Return the (f, 3) vertices of the triangles of all strips; in a list, -1 starts a new strip."""
-    if "vertex_indices" not in lists:
+    lists = tables.get("tristrips", Table({}, {})).lists.get("vertex_indices")
+    if lists is None:
         return np.empty((0, 3), dtype=np.int64)
-    strips = lists["vertex_indices"]
-    return strip_triangles(np.insert(strips.values.astype(np.int64), np.cumsum(strips.counts)[:-1], -1))
+    ends = np.cumsum(lists.counts)[:-1]
+    return strip_triangles(np.insert(lists.values.astype(np.int64), ends, -1))
+
+
+def _header(path: Path, data: bytes) -> tuple[list[Element], bytes, str]:
+    """Return the elements that the header announces, the bytes after it, and their order: ascii, < or >."""
+    end = data.find(b"end_header")
+    line_end = data.find(b"\n", end)
+    if not data.startswith(b"ply") or end < 0 or line_end < 0:
+        raise damaged(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
+    order = ""
+    elements: list[Element] = []
+    for line in data[:end].decode("latin-1").splitlines():
+        words = line.split()
+        if words[:1] == ["format"] and len(words) >= 2:
+            order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
+        elif words[:1] == ["element"]:
+            elements.append(Element(words[1], int(words[2]), []))
+        elif words[:1] == ["property"]:
+            elements[-1].properties.append(_property(path, words))
+    if not order:
+        raise damaged(path, "its PLY header names no known format, ascii or binary was expected")
+    return elements, data[line_end + 1 :], order
+
+
+def _property(path: Path, words: Sequence[str]) -> Property:
+    try:
+        if words[1] == "list":
+            return Property(words[4], words[3], words[2])
+        return Property(words[2], words[1])
+    except (IndexError, KeyError):
+        raise damaged(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None

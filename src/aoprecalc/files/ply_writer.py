@@ -5,13 +5,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyElement
 
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.corners import split_corners
 from aoprecalc.files.ply_reader import PlyDocument
+from aoprecalc.files.ply_table import TYPES
 from aoprecalc.files.references import relative_path
 from aoprecalc.model import Atlas, Doubles, Floats, Scene
+
+_NAMES = {code: name for name, code in TYPES.items() if not name[-1].isdigit()}
 
 
 def write_ply(
@@ -37,15 +39,17 @@ def write_ply(
     vertices = np.empty(len(split.corner), dtype=[(name, values.dtype.str) for name, values in columns.items()])
     for name, values in columns.items():
         vertices[name] = values
-    faces = np.empty(len(split.triangles), dtype=[("count", "u1"), ("vertex_indices", "<i4", 3)])
-    faces["count"], faces["vertex_indices"] = 3, split.triangles
+    faces = np.empty(len(split.triangles), dtype=[("count", "u1"), ("vertices", "<i4", 3)])
+    faces["count"], faces["vertices"] = 3, split.triangles
 
     header = [
         "ply",
         "format binary_little_endian 1.0",
         f"comment TextureFile {relative_path(texture, path)}",
-        PlyElement.describe(vertices, "vertex").header,
-        PlyElement.describe(faces[["vertex_indices"]], "face").header,
+        f"element vertex {len(vertices)}",
+        *(f"property {_NAMES[values.dtype.str[1:]]} {name}" for name, values in columns.items()),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
         "end_header\n",
     ]
     head = "\n".join(header).encode("utf-8", "surrogateescape")

@@ -1,5 +1,6 @@
 """Reads STL, binary or ASCII. Its triangles share nothing and its normals are those of the faces: neither is kept."""
 
+import logging
 import re
 import warnings
 from io import BytesIO, StringIO
@@ -14,6 +15,9 @@ from aoprecalc.model import Scene
 
 HEADER = 84  # 80 bytes of text and the number of faces
 FACE = 50  # bytes of one face
+
+# trimesh logs the traceback of a normal that is none; logging prints that unless somebody listens.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _SOLID = re.compile(r"\s*solid\b", re.IGNORECASE)
 _FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
@@ -59,7 +63,8 @@ def _read_text(path: Path, text: str) -> list[Piece]:
         warnings.simplefilter("ignore")  # of words that are no numbers, which are noticed below
         loaded = load_stl_ascii(StringIO(text))
     solids = loaded["geometry"] if "geometry" in loaded else {loaded["metadata"]["name"]: loaded}
-    pieces = [_soup(name, solid["vertices"]) for name, solid in solids.items()]
+    # Solids without a name are called geometry_1 and so on.
+    pieces = [_soup("mesh" if name.startswith("geometry_") else name, s["vertices"]) for name, s in solids.items()]
     # trimesh stops without a word at what is not a number, and leaves out a solid that has no end.
     found = sum(len(piece.positions) for piece in pieces)
     if found != len(vertices):

@@ -34,7 +34,9 @@ class NearFarMaps:
         self.texture = context.texture(shape, 2, dtype="f4")
         self._target = context.framebuffer([self.texture])
         self.axes = context.buffer(reserve=MOST_AXES * _AXIS_BYTES)
-        self._program = draw_program(context, __package__, "near_far.vert.glsl", "near_far.frag.glsl", MOST_AXES=MOST_AXES)
+        self._program = draw_program(
+            context, __package__, "near_far.vert.glsl", "near_far.frag.glsl", MOST_AXES=MOST_AXES
+        )
         self._program["target_size"] = shape
         self._mesh = context.vertex_array(
             self._program,

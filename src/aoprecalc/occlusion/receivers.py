@@ -50,7 +50,9 @@ class Receivers:
         self._corners = context.buffer(np.ascontiguousarray(faces, np.uint32))
         self._shading = context.buffer(np.ascontiguousarray(shading, np.float32))
         self._geometric = context.buffer(np.ascontiguousarray(geometric, np.float32))
-        self._stores = [self._store(band, texels.index[band.texels]) for band in bands if band.texels.stop > band.texels.start]
+        self._stores = [
+            self._store(band, texels.index[band.texels]) for band in bands if band.texels.stop > band.texels.start
+        ]
         self._receive["width"] = texels.width
 
     def place(self, sample_at: tuple[float, float]) -> None:

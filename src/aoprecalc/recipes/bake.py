@@ -144,7 +144,9 @@ def bake_scene(
     texture = finish(texels, values, measured, options.padding, options.fill, wraps=atlas.wraps)
     warnings = []
     if 2 * len(directions) != options.directions:
-        warnings.append(f"{2 * len(directions)} directions were used, as they come in pairs; {options.directions} were asked for")
+        warnings.append(
+            f"{2 * len(directions)} directions were used, as they come in pairs; {options.directions} were asked for"
+        )
     if atlas.gutter is not None and atlas.gutter < 2 * options.padding:
         warnings.append(
             f"charts have gutters of {atlas.gutter} texels, less than twice the padding of {options.padding}, because there are "

@@ -9,9 +9,7 @@ from aoprecalc.options import Fill
 _BAND_ROWS = 512
 
 
-def finish(
-    texels: Texels, values: Floats, measured: Mask, padding: int, fill: Fill, *, wraps: bool = False
-) -> Texture:
+def finish(texels: Texels, values: Floats, measured: Mask, padding: int, fill: Fill, *, wraps: bool = False) -> Texture:
     """Return the finished picture of texel values, (k,) float32 in [0, 1], of which only the measured ones, (k,) bool, count.
 
     padding   texels in the gutter take the value of the nearest measured texel at most this far away

@@ -1,0 +1,150 @@
+"""Renders a mesh with its baked texture, on a ground that its spheres shade: what a renderer does with the results.
+
+    python examples/render.py MESH_WITH_UVS TEXTURE SPHERES.json -o picture.png
+
+The lighting is in shaders/ambient.glsl and shaders/sphere_shadow.glsl, which any OpenGL renderer can take over; the rest
+here and in shaders/studio is a small photographer's studio.
+"""
+
+import argparse
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from PIL import Image
+
+from aoprecalc import load_scene
+from aoprecalc.files import read_image
+from aoprecalc.files.sphere_sets import read_sphere_set
+from aoprecalc.gl.context import open_renderer
+from aoprecalc.surface.normals import shading_normals
+
+
+def unit(*vector: float) -> np.ndarray:
+    """Return a vector divided by its length."""
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+SHADERS = Path(__file__).parent / "shaders"
+VERSION = "#version 330 core\n"
+LIGHT = unit(-0.62, 0.64, 0.36)  # towards the sun
+FORWARD = unit(-0.5, -0.3, -0.81)  # where the camera looks
+TANGENT = 0.24  # of half the camera's vertical angle of view
+MARGIN = 0.86  # share of the picture that the mesh and its shadow may fill
+SAFE_MIP = 2  # charts of a bake with the default padding do not mix up to this level
+
+
+def y_up(vectors: np.ndarray, up: str) -> np.ndarray:
+    """Turn vectors, (..., 3), so that y points up."""
+    return vectors if up == "y" else np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
+
+
+def camera_axes() -> np.ndarray:
+    """Return the camera's right, upward and forward unit vectors, (3, 3)."""
+    right = unit(*np.cross(FORWARD, (0.0, 1.0, 0.0)))
+    return np.stack([right, np.cross(right, FORWARD), FORWARD])
+
+
+def place_camera(points: np.ndarray, aspect: float) -> np.ndarray:
+    """Return where the camera stands, (3,), to see all points, (m, 3), from as near as it can."""
+    *across, depth = (points @ camera_axes().T).T
+    eye, nearest = [], np.inf
+    for values, tangent in zip(across, (MARGIN * TANGENT * aspect, MARGIN * TANGENT), strict=True):
+        # Each side of the picture is a plane through the eye with all points on one side.
+        low, high = (values + tangent * depth).min(), (values - tangent * depth).max()
+        eye.append((low + high) / 2)
+        nearest = min(nearest, (low - high) / (2 * tangent))
+    return np.array([*eye, nearest]) @ camera_axes()
+
+
+def camera_matrix(eye: np.ndarray, points: np.ndarray, aspect: float) -> np.ndarray:
+    """Return the (4, 4) matrix from positions to clip space."""
+    depth = (points - eye) @ FORWARD
+    near, far = 0.9 * depth.min(), 1.1 * depth.max()
+    right, up, forward = camera_axes()
+    rows = np.zeros((4, 4))
+    rows[0, :3], rows[1, :3] = right / (TANGENT * aspect), up / TANGENT
+    rows[2, :3], rows[3, :3] = forward * (far + near) / (far - near), forward
+    rows[:, 3] = -rows[:, :3] @ eye
+    rows[2, 3] -= 2 * far * near / (far - near)
+    return rows
+
+
+def program(context: moderngl.Context, name: str, snippets: list[str]) -> moderngl.Program:
+    """Compile the studio's program `name`; its fragment shader can call the functions of the snippets."""
+    texts = [SHADERS / snippet for snippet in snippets]
+    texts += [SHADERS / "studio" / file for file in ("light.glsl", f"{name}.frag.glsl")]
+    vertex = (SHADERS / "studio" / f"{name}.vert.glsl").read_text(encoding="utf-8")
+    fragment = "\n".join(text.read_text(encoding="utf-8") for text in texts)
+    return context.program(vertex_shader=VERSION + vertex, fragment_shader=VERSION + fragment)
+
+
+def set_uniforms(program: moderngl.Program, **values) -> None:
+    """Set uniforms: integers, numbers, vectors and matrices."""
+    for name, value in values.items():
+        program[name] = value if np.isscalar(value) else tuple(np.asarray(value).T.ravel())  # by columns
+
+
+def draw(
+    context: moderngl.Context, mesh: np.ndarray, occlusion: np.ndarray, spheres: np.ndarray, size: tuple[int, int]
+) -> Image.Image:
+    """Draw the picture.
+
+    mesh        (m, 8): position, normal and UV at the corners of the triangles
+    occlusion   (height, width) float32, the first row being v = 1
+    spheres     (n, 4): centre and radius
+    size        of the picture, width and height
+    """
+    points, aspect = mesh[:, :3], size[0] / size[1]
+    ground = points[:, 1].min()
+    shadow = points - LIGHT * ((points[:, 1:2] - ground) / LIGHT[1])
+    eye = place_camera(np.concatenate([points, shadow]), aspect)
+    matrix = camera_matrix(eye, points, aspect)
+    rays = camera_axes() * [[TANGENT * aspect], [TANGENT], [1.0]]
+
+    baked = context.texture(occlusion.shape[::-1], 1, np.flipud(occlusion).tobytes(), dtype="f4")
+    baked.build_mipmaps(max_level=SAFE_MIP)
+    baked.anisotropy = 8.0
+    baked.use(0)
+    context.texture((len(spheres), 1), 4, spheres.astype("f4").tobytes(), dtype="f4").use(1)
+
+    stone = program(context, "mesh", ["ambient.glsl"])
+    set_uniforms(stone, light=LIGHT, camera=matrix, baked=0)
+    paper = program(context, "ground", ["ambient.glsl", "sphere_shadow.glsl"])
+    set_uniforms(paper, light=LIGHT, rays=rays.T, eye=eye, ground=ground, spheres=1, sphereCount=len(spheres))
+    target = context.simple_framebuffer(size, 3, samples=min(4, context.max_samples))
+    target.use()
+    target.clear()
+    context.enable_only(moderngl.DEPTH_TEST)
+    context.depth_func = "<="  # the ground lies at the far end of the depth range
+    corners = context.buffer(mesh.astype("f4").tobytes())
+    context.vertex_array(stone, corners, "in_position", "in_normal", "in_uv").render()
+    context.vertex_array(paper, []).render(vertices=3)
+    picture = context.simple_framebuffer(size, 3)
+    context.copy_framebuffer(picture, target)
+    return Image.frombytes("RGB", size, picture.read(alignment=1)).transpose(Image.Transpose.FLIP_TOP_BOTTOM)
+
+
+def main() -> None:
+    """Render what the command line names."""
+    parser = argparse.ArgumentParser(description="Render a mesh with its baked texture and its spheres' shadow.")
+    parser.add_argument("mesh", type=Path, help="as written by `aoprecalc bake`, with UVs")
+    parser.add_argument("texture", type=Path, help="its ambient-occlusion texture")
+    parser.add_argument("spheres", type=Path, help="its spheres, as written by `aoprecalc spheres`")
+    parser.add_argument("-o", "--output", type=Path, default=Path("picture.png"))
+    parser.add_argument("--up", choices=("y", "z"), default="y", help="the mesh's upward axis (default: y)")
+    parser.add_argument("--size", type=int, nargs=2, default=(1280, 720), metavar=("WIDTH", "HEIGHT"))
+    chosen = parser.parse_args()
+
+    scene, (spheres, _) = load_scene(chosen.mesh), read_sphere_set(chosen.spheres)
+    if scene.uvs is None:
+        parser.error(f"{chosen.mesh} has no UVs; use the mesh that `aoprecalc bake` wrote")
+    normals = y_up(shading_normals(scene), chosen.up)
+    mesh = np.concatenate([y_up(scene.corners, chosen.up), normals, scene.uvs], axis=2).reshape(-1, 8)
+    rows = np.column_stack([y_up(spheres.centers, chosen.up), spheres.radii])
+    with open_renderer() as renderer:
+        draw(renderer.context, mesh, read_image(chosen.texture), rows, tuple(chosen.size)).save(chosen.output)
+
+
+if __name__ == "__main__":
+    main()

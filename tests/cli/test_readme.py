@@ -1,0 +1,58 @@
+"""README and `--help` say the same."""
+
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+from aoprecalc.cli import main
+from aoprecalc.options import BakeOptions, SphereOptions
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+DEFAULTS = {"bake": BakeOptions(), "spheres": SphereOptions()}
+
+
+def section(command):
+    """The part of the README about a command."""
+    return re.search(rf"## `aoprecalc {command} MESH`\n(.*?)(?=\n## )", README, re.DOTALL)[1]
+
+
+def parameters(command):
+    return [entry for entry in main.commands[command].params if isinstance(entry, click.Option)]
+
+
+@pytest.mark.parametrize("command", main.commands)
+def test_every_option_is_in_the_readme_and_none_beside_it(command):
+    real = {name for entry in parameters(command) for name in entry.opts}
+    written = set(re.findall(r"`(--?[a-z][a-z-]*)", section(command)))
+    assert written == real
+
+
+@pytest.mark.parametrize("command", main.commands)
+def test_defaults_in_the_readme_are_the_programs(command):
+    rows = dict(re.findall(r"^\| (.*?) \| (.*?) \|", section(command), re.MULTILINE))
+    for entry in parameters(command):
+        default = getattr(DEFAULTS[command], entry.name, None)
+        if isinstance(default, str | int) and not isinstance(default, bool):
+            cell = next(cell for names, cell in rows.items() if f"`{entry.opts[-1]}" in names)
+            assert cell.replace(",", "") == str(default)
+
+
+@pytest.mark.parametrize("command", main.commands)
+def test_every_option_and_command_has_help(command):
+    assert main.commands[command].short_help
+    for entry in parameters(command):
+        assert entry.help, entry.name
+        assert entry.help.endswith((".", "]")), entry.name
+    for choice in (
+        word for entry in parameters(command) if isinstance(entry.type, click.Choice) for word in entry.type.choices
+    ):
+        assert choice in section(command)
+
+
+def test_the_readme_opens_with_two_commands_that_make_knows():
+    first = re.search(r"```sh\n(.*?)```", README, re.DOTALL)[1]
+    assert re.findall(r"^make (\w+)", first, re.MULTILINE) == ["demo", "test"]
+    targets = re.findall(r"^(\w+):", (Path(__file__).parents[2] / "Makefile").read_text(), re.MULTILINE)
+    assert {"demo", "test", "setup", "bench"} <= set(targets)

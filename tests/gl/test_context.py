@@ -1,0 +1,69 @@
+"""Contexts: OSMesa where EGL is missing, and what is said where neither is there."""
+
+import ctypes
+import subprocess
+import sys
+
+import pytest
+from shapes import scene, torus
+
+from aoprecalc.errors import RendererError, UsageError
+from aoprecalc.gl import context, osmesa
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
+
+
+def without_egl(monkeypatch):
+    def no_library(*args, **given):
+        raise Exception("libEGL.so.1: cannot open shared object file")
+
+    real = context.moderngl.create_context
+    monkeypatch.setattr(
+        context.moderngl, "create_context", lambda **given: no_library() if "backend" in given else real(**given)
+    )
+
+
+def has_osmesa():
+    for name in osmesa.LIBRARIES:
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return True
+    return False
+
+
+@pytest.mark.skipif(not has_osmesa(), reason="libOSMesa is not installed")
+def test_osmesa_gives_the_same_bytes_as_egl(monkeypatch):
+    made = scene(*torus(around=16, across=8))
+    options = BakeOptions(width=64, height=64, directions=64)
+    by_egl = bake_scene(made, options)
+    without_egl(monkeypatch)
+    with context.open_renderer() as renderer:
+        assert renderer.kind == "osmesa"
+    assert bake_scene(made, options).texture.values.tobytes() == by_egl.texture.values.tobytes()
+
+
+def test_without_any_library_the_error_says_what_to_install(monkeypatch):
+    without_egl(monkeypatch)
+    monkeypatch.setattr(osmesa, "LIBRARIES", ("libNoSuchThing.so",))
+    with pytest.raises(RendererError, match=r"libEGL.*OSMesa: libOSMesa is not installed.*apt-get install"):
+        with context.open_renderer():
+            pass
+    assert RendererError.exit_code == 3
+
+
+def test_a_size_beyond_the_renderer_is_refused():
+    with context.open_renderer() as renderer:
+        limit = renderer.context.info["GL_MAX_TEXTURE_SIZE"]
+    with pytest.raises(UsageError, match=f"expected at most {limit}"):
+        bake_scene(scene(*torus(around=8, across=4)), BakeOptions(width=limit + 1, height=16))
+
+
+def test_threads_are_passed_to_the_software_renderer():
+    program = (
+        "import os; from aoprecalc.gl.context import open_renderer\n"
+        "with open_renderer(1): print(os.environ['LP_NUM_THREADS'])"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "1"
