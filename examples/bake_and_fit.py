@@ -49,9 +49,7 @@ def main() -> int:
         fit = aoprecalc.SphereOptions(chosen.spheres, samples=20_000)
         for mesh in chosen.meshes:
             build(mesh, chosen.output, bake, fit)
-    except (
-        aoprecalc.AoprecalcError
-    ) as error:  # InputError, UsageError, ...: one line for the user; no half-written files
+    except aoprecalc.AoprecalcError as error:  # what failed has left no files behind
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     return 0

@@ -2,8 +2,8 @@
 
     python examples/render.py MESH_WITH_UVS TEXTURE SPHERES.json -o picture.png
 
-The lighting is in shaders/ambient.glsl and shaders/sphere_shadow.glsl, which any OpenGL renderer can take over; the rest
-here and in shaders/studio is a small photographer's studio.
+The lighting is in shaders/ambient.glsl and shaders/sphere_shadow.glsl, which any OpenGL renderer can take over;
+the rest, here and in shaders/studio, is a small photographer's studio.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 from PIL import Image
 
-from aoprecalc import load_scene
+from aoprecalc import AoprecalcError, InputError, load_scene
 from aoprecalc.files import read_image
 from aoprecalc.files.sphere_sets import read_sphere_set
 from aoprecalc.gl.context import open_renderer
@@ -31,7 +31,7 @@ LIGHT = unit(-0.62, 0.64, 0.36)  # towards the sun
 FORWARD = unit(-0.5, -0.3, -0.81)  # where the camera looks
 TANGENT = 0.24  # of half the camera's vertical angle of view
 MARGIN = 0.86  # share of the picture that the mesh and its shadow may fill
-SAFE_MIP = 2  # charts of a bake with the default padding do not mix up to this level
+SAFE_MIP = 1  # further levels may mix charts; a renderer would take the level from the bake's report
 
 
 def y_up(vectors: np.ndarray, up: str) -> np.ndarray:
@@ -125,6 +125,18 @@ def draw(
     return Image.frombytes("RGB", size, picture.read(alignment=1)).transpose(Image.Transpose.FLIP_TOP_BOTTOM)
 
 
+def render(chosen: argparse.Namespace) -> None:
+    """Read the files, draw the picture and save it."""
+    scene, (spheres, _) = load_scene(chosen.mesh), read_sphere_set(chosen.spheres)
+    if scene.uvs is None:
+        raise InputError(f"{chosen.mesh}: has no UVs; use the mesh that `aoprecalc bake` wrote")
+    normals = y_up(shading_normals(scene), chosen.up)
+    mesh = np.concatenate([y_up(scene.corners, chosen.up), normals, scene.uvs], axis=2).reshape(-1, 8)
+    rows = np.column_stack([y_up(spheres.centers, chosen.up), spheres.radii])
+    with open_renderer() as renderer:
+        draw(renderer.context, mesh, read_image(chosen.texture), rows, tuple(chosen.size)).save(chosen.output)
+
+
 def main() -> None:
     """Render what the command line names."""
     parser = argparse.ArgumentParser(description="Render a mesh with its baked texture and its spheres' shadow.")
@@ -136,14 +148,10 @@ def main() -> None:
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 720), metavar=("WIDTH", "HEIGHT"))
     chosen = parser.parse_args()
 
-    scene, (spheres, _) = load_scene(chosen.mesh), read_sphere_set(chosen.spheres)
-    if scene.uvs is None:
-        parser.error(f"{chosen.mesh} has no UVs; use the mesh that `aoprecalc bake` wrote")
-    normals = y_up(shading_normals(scene), chosen.up)
-    mesh = np.concatenate([y_up(scene.corners, chosen.up), normals, scene.uvs], axis=2).reshape(-1, 8)
-    rows = np.column_stack([y_up(spheres.centers, chosen.up), spheres.radii])
-    with open_renderer() as renderer:
-        draw(renderer.context, mesh, read_image(chosen.texture), rows, tuple(chosen.size)).save(chosen.output)
+    try:
+        render(chosen)
+    except AoprecalcError as error:
+        parser.exit(error.exit_code, f"error: {error}\n")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Meshes with known answers, made in code. A shape is (positions (v, 3), faces (f, 3)), outward faces counter-clockwise."""
+"""Meshes with known answers, made in code. A shape is (positions (v, 3), faces (f, 3)), counter-clockwise outside."""
 
 from pathlib import Path
 

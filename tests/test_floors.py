@@ -9,7 +9,7 @@ import aoprecalc
 
 ROOT = Path(aoprecalc.__file__).parent
 
-# From the top. A folder or module may import what lies below it, and, but for those in ALONE, its neighbours on its floor.
+# From the top. What stands on a floor may import what lies below it, and nothing beside or above it.
 FLOORS = [
     ["cli"],
     ["recipes"],

@@ -1,7 +1,7 @@
 // Soft shadows and contact shadows from a sphere set (GLSL 1.30, GLSL ES 3.00 and later).
 //
-// How to bind the spheres: a texture of one row of 32-bit floats, GL_RGBA32F, unfiltered, one texel a sphere: centre and
-// radius, in the coordinates of the receiver. With a uniform array or a storage buffer only `sphereAt` changes.
+// How to bind the spheres: a texture of one row, GL_RGBA32F, unfiltered, one texel a sphere: centre and radius, in the
+// coordinates of the receiver. With a uniform array or a storage buffer only `sphereAt` changes.
 // Put the spheres on what receives from *other* objects: a mesh's own surface lies inside its spheres.
 
 uniform sampler2D spheres;
@@ -23,8 +23,8 @@ float segmentArea(float radius, float away) {
     return radius * radius * atan(halfChord, away) - away * halfChord;
 }
 
-// The share of a disc of radius `disc` that a disc of radius `other` covers, their centres `apart`: a lens, two segments
-// that meet at the common chord (E. Weisstein, "Circle-Circle Intersection", MathWorld).
+// The share of a disc of radius `disc` that a disc of radius `other` covers, their centres `apart`: a lens, made of
+// two segments that meet at the common chord (E. Weisstein, "Circle-Circle Intersection", MathWorld).
 float coveredShare(float disc, float other, float apart) {
     if (apart >= disc + other) return 0.0;
     if (apart <= abs(disc - other)) return other >= disc ? 1.0 : (other * other) / (disc * disc);
@@ -35,8 +35,8 @@ float coveredShare(float disc, float other, float apart) {
 
 // The share of a round light that one sphere hides from `point`. The light is seen in direction `light`, a unit vector,
 // as a disc of angular radius `angle`, which should stay below 0.5 (the sun: 0.0047; a soft studio lamp: 0.1 to 0.3).
-// Both are caps on the sphere of directions. Seen from the light (stereographic projection) caps are discs on a plane, with
-// exact borders; only areas are distorted, and across the light by no more than the square of tan(angle / 2).
+// Both are caps on the sphere of directions. Seen from the light (stereographic projection) caps are discs on a plane,
+// with exact borders; only areas grow towards the light's rim, by 2 tan^2(angle / 2) (for an angle of 0.3 by 5 %).
 float hiddenBySphere(vec3 point, vec3 light, float angle, vec4 sphere) {
     vec3 toCentre = sphere.xyz - point;
     float away = max(length(toCentre), 1e-20);
@@ -52,7 +52,7 @@ float hiddenBySphere(vec3 point, vec3 light, float angle, vec4 sphere) {
 // The share of the sky over a surface with normal `normal` that one sphere hides, weighted by the cosine to the normal:
 // (radius / distance)^2 * cosine, and where the sphere dips below the horizon the form factor of what is above it
 // (J. Snyder, "Area Light Sources for Real-Time Graphics", 1996; as in S. Lagarde, C. de Rousiers, "Moving Frostbite to
-// Physically Based Rendering", SIGGRAPH 2014 course, section 4.7.2).
+// Physically Based Rendering", SIGGRAPH 2014 course).
 float skyHiddenBySphere(vec3 point, vec3 normal, vec4 sphere) {
     vec3 toCentre = sphere.xyz - point;
     float away2 = max(dot(toCentre, toCentre), 1e-20);
@@ -66,9 +66,9 @@ float skyHiddenBySphere(vec3 point, vec3 normal, vec4 sphere) {
     return ((cosine * acos(horizon) - cotangent * width) * sine2 + atan(width, cotangent)) / PI;
 }
 
-// The share of the light that gets past all spheres. The product assumes that spheres hide the light independently of each
-// other, as if placed by chance. Spheres that hide the same part of it then make its shadow's edge too dark, spheres side by
-// side leave its core too light; where any sphere hides all, or none hides any, it is exact
+// The share of the light that gets past all spheres. The product assumes that spheres hide the light independently of
+// each other, as if placed by chance: where they hide the same part of it the shadow is too dark, where they hide parts
+// side by side too light; where one of them hides all, or only one hides any, it is exact
 // (as in Z. Ren et al., "Real-time Soft Shadows in Dynamic Scenes using Spherical Harmonic Exponentiation", 2006).
 float lightPastSpheres(vec3 point, vec3 light, float angle) {
     float seen = 1.0;

@@ -93,7 +93,7 @@ class Texels:
     """The texels that some part of the surface covers.
 
     width, height   of the texture, in texels
-    index           (k,) int32, each once, in any order: row * width + column, row 0 being the first of the picture (v = 1)
+    index           (k,) int32, each once, in any order: row * width + column; row 0 is the picture's first (v = 1)
     """
 
     width: int

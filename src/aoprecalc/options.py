@@ -33,7 +33,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "max_iterations": (1, 1_000_000),
 }
 
-# Above this many triangles `--unwrap auto` prefers uvunwrap, which is 10 to 40 times faster than xatlas on large surfaces.
+# Above this many triangles `--unwrap auto` prefers uvunwrap, 10 to 40 times faster than xatlas on large surfaces.
 LARGE_MESH = 30_000
 
 
@@ -60,7 +60,7 @@ class BakeOptions:
     sampling        fibonacci: an even lattice; random: antithetic pairs drawn from `seed`
     seed            of the random directions
     estimator       ratio: exactly 1 on an open point; mean: the unnormalised sum 4/N * sum(cos * visible)
-    shadow_size     side of a near/far map in texels; None: so that its texel is no larger than the texture's on the surface
+    shadow_size     side of a near/far map in texels; None: so that its texels are smaller than the texture's
     backend         what measures visibility: gl, or auto (the best there is)
     unwrap          where UVs come from: keep the file's, xatlas, uvunwrap, or auto
     padding         texels by which charts are extended into the gutter around them

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from shapes import ball, box, join, quad, quad_uvs, scene, torus
 
 from aoprecalc.atlas.choose import choose_atlas
 from aoprecalc.atlas.gutter import choose_gutter, first_unsafe_mip
@@ -12,6 +11,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.layout import corner_ids, lay_out
 from aoprecalc.texspace.raster import Raster
+from shapes import ball, box, join, quad, quad_uvs, scene, torus
 
 SIZE = 256
 

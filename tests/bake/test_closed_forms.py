@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from shapes import ball, box, disc, hull, join, quad, quad_uvs, scene
 
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
+from shapes import ball, box, disc, hull, join, quad, quad_uvs, scene
 
 ONE_STEP = 1 / 255
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from shapes import ball, quad, scene
 
 from aoprecalc.files.images import quantize
 from aoprecalc.occlusion.estimate import estimate
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
+from shapes import ball, quad, scene
 
 
 def test_ratio_is_the_quotient_and_needs_a_denominator():
@@ -22,7 +22,7 @@ def test_mean_is_the_sources_sum_clamped():
 
 
 def test_random_directions_exceed_one_but_never_wrap():
-    """Equation 1.1.1.1 by random directions: some open texels sum to more than 1, which must be stored as 255, never 0."""
+    """Equation 1.1.1.1 by random directions: some open texels sum to more than 1, to be stored as 255, never as 0."""
     shape = scene(*ball(2))
     options = BakeOptions(width=64, height=64, directions=50, sampling="random", seed=3, estimator="mean")
     texture = bake_scene(shape, options).texture

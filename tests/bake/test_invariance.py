@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from shapes import ball, join, quad, quad_uvs, scene, torus
 
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.occlusion import near_far
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
 from aoprecalc.texspace import raster
+from shapes import ball, join, quad, quad_uvs, scene, torus
 
 OPTIONS = BakeOptions(width=96, height=96, directions=512, shadow_size=512)
 SAMPLING_ERROR = 0.0092  # RMS between two sets of 512 directions, each with an error of 0.0065 against all directions

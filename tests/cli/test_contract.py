@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import pytest
-from shapes import box, join, torus
 
 from aoprecalc.files import load_scene, read_image
+from shapes import box, join, torus
 
 QUICK = ["--size", "64", "-n", "64"]
 

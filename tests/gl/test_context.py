@@ -5,12 +5,12 @@ import subprocess
 import sys
 
 import pytest
-from shapes import scene, torus
 
 from aoprecalc.errors import RendererError, UsageError
 from aoprecalc.gl import context, osmesa
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
+from shapes import scene, torus
 
 
 def without_egl(monkeypatch):
@@ -47,9 +47,9 @@ def test_osmesa_gives_the_same_bytes_as_egl(monkeypatch):
 def test_without_any_library_the_error_says_what_to_install(monkeypatch):
     without_egl(monkeypatch)
     monkeypatch.setattr(osmesa, "LIBRARIES", ("libNoSuchThing.so",))
-    with pytest.raises(RendererError, match=r"libEGL.*OSMesa: libOSMesa is not installed.*apt-get install"):
-        with context.open_renderer():
-            pass
+    advice = r"libEGL.*OSMesa: libOSMesa is not installed.*apt-get install"
+    with pytest.raises(RendererError, match=advice), context.open_renderer():
+        pass
     assert RendererError.exit_code == 3
 
 

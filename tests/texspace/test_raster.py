@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from shapes import quad, quad_uvs, scene
 
 from aoprecalc.model import Atlas
 from aoprecalc.texspace.layout import lay_out
 from aoprecalc.texspace.raster import Raster
+from shapes import quad, quad_uvs, scene
 
 SIZE = 32
 

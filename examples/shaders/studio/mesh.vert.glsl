@@ -1,3 +1,5 @@
+// The mesh, moved into the picture.
+
 uniform mat4 camera;
 in vec3 in_position;
 in vec3 in_normal;

@@ -20,7 +20,7 @@ MOST_OVERLAP = 0.001  # share of covered texels that may lie inside two triangle
 def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
     """Return the file's UVs where they can hold a bake or are asked for, else an unwrap.
 
-    Raises InputError where `keep` is asked for and impossible, UsageError where the unwrapper asked for is not installed.
+    Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed.
     """
     if options.unwrap in ("auto", "keep"):
         kept, fault = keep(context, scene, options.width, options.height)

@@ -25,7 +25,7 @@ def choose_gutter(area: float, outline: float, size: int, padding: int) -> int:
 
 
 def first_unsafe_mip(gutter: int) -> int:
-    """Return the first mip level at which bilinear filtering may mix charts; level k needs about 1.5 * 2**k texels a side."""
+    """Return the first mip level at which filtering may mix charts; level k needs about 1.5 * 2**k texels a side."""
     level = 1  # level 0 is right with the least gutter
     while 1.5 * 2**level <= gutter / 2:
         level += 1

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import time
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -80,14 +80,14 @@ def _uvunwrap(
     return uvs, placed, charts, gutter
 
 
-def _uvunwrap_mesh(positions: Floats, faces: Ints) -> object:
+def _uvunwrap_mesh(positions: Floats, faces: Ints) -> Any:
     import uvunwrap
 
     return uvunwrap.Mesh(positions, faces.astype(np.uint32))
 
 
 def _run_uvunwrap(
-    mesh: object, size: int, gutter: int, packing: Literal["shape", "fast"], progress: Progress
+    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], progress: Progress
 ) -> tuple[Doubles, Mask, Ints, int]:
     """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
     import uvunwrap

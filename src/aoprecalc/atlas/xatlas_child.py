@@ -8,19 +8,21 @@ answer:  uvs (f, 3, 2) float32 in [0, 1], placed (f,) bool, charts, gutter
 
 import io
 import sys
+from typing import Any
 
 import numpy as np
 import xatlas
+from numpy.typing import NDArray
 
 from aoprecalc.atlas.gutter import chart_size, choose_gutter, fitting_scale
-from aoprecalc.model import Doubles, Ints, Mask
+from aoprecalc.model import Doubles, Floats, Ints, Mask
 
 _PACKINGS = 10  # tries at the greatest scale that fits one page
 _STEP = 1.08  # between tries until one fits and one does not
 _CLOSE = 1.005  # such a pair is close enough
 
 
-def unwrap(positions: np.ndarray, faces: np.ndarray, size: int, padding: int) -> dict[str, np.ndarray]:
+def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
     atlas = xatlas.Atlas()
     atlas.add_mesh(positions, faces)
@@ -35,7 +37,7 @@ def unwrap(positions: np.ndarray, faces: np.ndarray, size: int, padding: int) ->
     packed = _pack(flat * fitting_scale(area, outline, size, gutter), corners, size, gutter)
     result: Doubles = np.zeros((len(faces), 3, 2))
     result[placed] = packed[corners]
-    return {"uvs": result, "placed": placed, "charts": np.int32(atlas.chart_count), "gutter": np.int32(gutter)}
+    return {"uvs": result, "placed": placed, "charts": atlas.chart_count, "gutter": gutter}
 
 
 def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:

@@ -5,10 +5,8 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import ShadowSize, Size, common, option
+from aoprecalc.cli.options import common, option, shadow_size, size
 from aoprecalc.options import BakeOptions
-
-O = BakeOptions
 
 
 @click.command(short_help="Bake an ambient-occlusion texture.")
@@ -19,27 +17,34 @@ O = BakeOptions
 @click.option(
     "--mesh-output", metavar="PATH", help="The mesh with the texture's UVs. [default: <stem>_ao.<ext> beside it]"
 )
-@click.option("--size", type=Size(), default="1024", show_default=True, help="Texels of the texture.")
-@option("-n", "--directions", of=O, field="directions", help="Directions of light, uniform on the sphere.")
-@option("--sampling", of=O, field="sampling", help="An even lattice of directions, or random ones.")
-@option("--seed", of=O, field="seed", help="Of the random directions.")
-@option("--estimator", of=O, field="estimator", help="ratio is exactly 1 on an open point; mean is the plain sum.")
-@click.option(
-    "--shadow-size", type=ShadowSize(), default="auto", show_default=True, help="Side of a near/far map, in texels."
+@click.option("--size", type=size, metavar="N|WxH", default="1024", show_default=True, help="Texels of the texture.")
+@option("-n", "--directions", of=BakeOptions, field="directions", help="Directions of light, uniform on the sphere.")
+@option("--sampling", of=BakeOptions, field="sampling", help="An even lattice of directions, or random ones.")
+@option("--seed", of=BakeOptions, field="seed", help="Of the random directions.")
+@option(
+    "--estimator", of=BakeOptions, field="estimator", help="ratio is exactly 1 on an open point; mean is the plain sum."
 )
-@option("--backend", of=O, field="backend", help="What measures visibility.")
-@option("--unwrap", of=O, field="unwrap", help="auto keeps the file's UVs if they can hold a bake.")
-@option("--padding", of=O, field="padding", help="Texels by which charts are extended.")
-@option("--fill", of=O, field="fill", help="What texels far from any chart hold.")
-@option("--bit-depth", of=O, field="bit_depth", help="auto: 8 for PNG, half for EXR.")
-@option("--normals", of=O, field="normals", help="auto: the file's, else smooth.")
+@click.option(
+    "--shadow-size",
+    type=shadow_size,
+    metavar="N|auto",
+    default="auto",
+    show_default=True,
+    help="Side of a near/far map, in texels.",
+)
+@option("--backend", of=BakeOptions, field="backend", help="What measures visibility.")
+@option("--unwrap", of=BakeOptions, field="unwrap", help="auto keeps the file's UVs if they can hold a bake.")
+@option("--padding", of=BakeOptions, field="padding", help="Texels by which charts are extended.")
+@option("--fill", of=BakeOptions, field="fill", help="What texels far from any chart hold.")
+@option("--bit-depth", of=BakeOptions, field="bit_depth", help="auto: 8 for PNG, half for EXR.")
+@option("--normals", of=BakeOptions, field="normals", help="auto: the file's, else smooth.")
 @option(
     "--crease-angle",
-    of=O,
+    of=BakeOptions,
     field="crease_angle",
     help="Degrees; sharper edges are hard where normals are made. [default: 180; STL 40]",
 )
-@option("--threads", of=O, field="threads", help="For software rendering; 0: all cores.")
+@option("--threads", of=BakeOptions, field="threads", help="For software rendering; 0: all cores.")
 @click.option("--report", metavar="FILE", help="Write what was read, chosen and measured as JSON.")
 @common
 def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
@@ -60,7 +65,6 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
         return
     report = result.report
     ao, texels = report["ao"], report["texels"]
-    click.echo(
-        f"{result.texture_path}  {texels['width']} x {texels['height']}, mean {ao['mean']:.3f}, {report['directions']} directions"
-    )
+    size_text = f"{texels['width']} x {texels['height']}"
+    click.echo(f"{result.texture_path}  {size_text}, mean {ao['mean']:.3f}, {report['directions']} directions")
     click.echo(f"{result.mesh_path}  {report['input']['triangles']} triangles, UVs: {report['unwrap']['method']}")

@@ -12,10 +12,8 @@ from aoprecalc.options import RANGES
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def option(
-    *names: str, of: type, field: str, help: str, type: click.ParamType | None = None
-) -> Callable[[Command], Command]:
-    """Return a click option for one field of an options class, with its default, and its choices or range in the help."""
+def option(*names: str, of: type, field: str, help: str, type: Any = None) -> Callable[[Command], Command]:
+    """Return a click option for one field of an options class, with its default and its choices or range."""
     default = next(entry.default for entry in fields(of) if entry.name == field)
     hint = get_type_hints(of)[field]
     choices = [choice for choice in get_args(hint) if isinstance(choice, str)]
@@ -40,32 +38,18 @@ def common(command: Command) -> Command:
     return command
 
 
-class Size(click.ParamType):
-    """A texture's size: `1024` or `2048x1024`."""
-
-    name = "N|WxH"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return (width, height)."""
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", str(value).strip())
-        if match is None:
-            self.fail(f"{value!r} is not a size; expected a number of texels such as 1024, or 2048x1024", param, ctx)
-        return int(match[1]), int(match[2] or match[1])
+def size(text: str) -> tuple[int, int]:
+    """Read a texture's size, `1024` or `2048x1024`, as (width, height)."""
+    match = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", text.strip())
+    if match is None:
+        raise click.BadParameter(f"{text!r} is not a size; expected a number of texels such as 1024, or 2048x1024")
+    return int(match[1]), int(match[2] or match[1])
 
 
-class ShadowSize(click.ParamType):
-    """The side of a near/far map: a number of texels, or `auto` (None)."""
-
-    name = "N|auto"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
-        """Return the number, or None for auto."""
-        if value == "auto":
-            return None
-        if isinstance(value, int):
-            return value
-        if not str(value).isdecimal() or len(str(value)) > 9:
-            self.fail(f"{value!r} is neither a number of texels nor auto", param, ctx)
-        return int(value)
+def shadow_size(text: str) -> int | None:
+    """Read the side of a near/far map: a number of texels, or `auto`, which is None."""
+    if text == "auto":
+        return None
+    if not re.fullmatch(r"\d{1,9}", text):
+        raise click.BadParameter(f"{text!r} is neither a number of texels nor auto")
+    return int(text)

@@ -8,20 +8,23 @@ from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import common, option
 from aoprecalc.options import SphereOptions
 
-O = SphereOptions
-
 
 @click.command(short_help="Fit spheres that stand in for a mesh.")
 @click.argument("mesh")
 @click.option(
     "-o", "--output", metavar="PATH", help="The sphere set (.json), or a folder. [default: <stem>_spheres.json]"
 )
-@option("-n", "--spheres", of=O, field="spheres", help="How many.")
-@option("-s", "--samples", of=O, field="samples", help="Points drawn on the surface.")
-@option("--seed", of=O, field="seed", help="Of the samples and every random choice.")
-@option("--radius", of=O, field="radius", help="mean or greatest distance of a sphere's samples, or one mean for all.")
-@option("--init", of=O, field="init", help="Where the spheres start.")
-@option("--max-iterations", of=O, field="max_iterations", help="Stop here even if not converged.")
+@option("-n", "--spheres", of=SphereOptions, field="spheres", help="How many.")
+@option("-s", "--samples", of=SphereOptions, field="samples", help="Points drawn on the surface.")
+@option("--seed", of=SphereOptions, field="seed", help="Of the samples and every random choice.")
+@option(
+    "--radius",
+    of=SphereOptions,
+    field="radius",
+    help="mean or greatest distance of a sphere's samples, or one mean for all.",
+)
+@option("--init", of=SphereOptions, field="init", help="Where the spheres start.")
+@option("--max-iterations", of=SphereOptions, field="max_iterations", help="Stop here even if not converged.")
 @common
 def spheres(mesh: str, **given: Any) -> None:
     """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb), for casting soft shadows.

@@ -1,0 +1,1 @@
+"""OpenGL without a screen: contexts and programs."""

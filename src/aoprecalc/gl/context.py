@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 
@@ -12,6 +13,8 @@ from aoprecalc.gl.osmesa import OSMesaContext
 
 VERSION = (4, 3)  # the first with compute shaders and storage buffers
 _MOST_DEVICES = 16
+# By the names that every installation has; the plain ones belong to the development packages.
+_EGL = {"backend": "egl", "libegl": "libEGL.so.1", "libgl": "libGL.so.1"}
 
 _ADVICE = (
     "install a software renderer: `apt-get install libegl1 libgl1 libgl1-mesa-dri` (Debian, Ubuntu), "
@@ -56,21 +59,15 @@ def _create() -> tuple[moderngl.Context, str]:
     failures = []
     for device in range(_MOST_DEVICES):
         try:
-            context = moderngl.create_context(
-                standalone=True,
-                require=require,
-                backend="egl",
-                libegl="libEGL.so.1",
-                libgl="libGL.so.1",
-                device_index=device,
-            )
-            return context, "egl"
+            settings: dict[str, Any] = {**_EGL, "device_index": device}
+            return moderngl.create_context(standalone=True, require=require, **settings), "egl"
         except Exception as error:  # glcontext raises bare Exception for all its reasons
             failures.append(f"EGL device {device}: {error}")
             if "found" in str(error) or "libEGL" in str(error) or "libGL" in str(error):
                 break  # no such device, or no library: the next index fares no better
     try:
-        return moderngl.create_context(context=OSMesaContext(*VERSION), require=require), "osmesa"
+        memory: Any = OSMesaContext(*VERSION)
+        return moderngl.create_context(context=memory, require=require), "osmesa"
     except Exception as error:
         failures.append(f"OSMesa: {error}")
     raise RendererError(f"no OpenGL {VERSION[0]}.{VERSION[1]} context could be made ({'; '.join(failures)}); {_ADVICE}")

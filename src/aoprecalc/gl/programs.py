@@ -10,7 +10,8 @@ _HEADER = "#version 430 core\n"
 def source(package: str, name: str, **constants: int) -> str:
     """Return the text of shader `name` in `package`, made complete.
 
-    Gives it the version line, a #define for each constant, and, for each line `#include "x.glsl"`, the text of that file.
+    Gives it the version line, a #define for each constant, and, for each line `#include "x.glsl"`, the text of
+    that file of this folder.
     """
     text = (files(package) / name).read_text(encoding="utf-8")
     lines = []

@@ -1,8 +1,8 @@
 """Directions of light, uniform on the sphere, as axes: a direction and its opposite share one rendering pass.
 
-Even sets follow the spherical Fibonacci lattice (R. Swinbank and R. J. Purser, "Fibonacci grids", 2006), here on the half
-sphere. The lattice in its own order sweeps from pole to equator; it is visited with a stride that makes every run of
-GROUP axes an even set too.
+Even sets follow the spherical Fibonacci lattice (R. Swinbank and R. J. Purser, "Fibonacci grids", 2006), here on the
+half sphere. The lattice in its own order sweeps from pole to equator; it is visited with a stride that makes every run
+of GROUP axes an even set too.
 """
 
 import numpy as np
@@ -25,7 +25,8 @@ def axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Do
     count = (directions + 1) // 2
     if sampling == "random":
         vectors = np.random.default_rng(seed).normal(size=(count, 3))
-        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+        return vectors
     return _lattice(np.arange(count) * _stride(count) % count, count)
 
 

@@ -51,7 +51,7 @@ class NearFarMaps:
         self._target.use()
         self._target.clear(_EMPTY, _EMPTY)
         self._context.enable_only(moderngl.BLEND)
-        self._context.blend_equation = moderngl.MAX
+        self._context.blend_equation = moderngl.MAX, moderngl.MAX
         self.axes.bind_to_uniform_block(0)
         self._mesh.render(moderngl.TRIANGLES, instances=count)
 

@@ -27,9 +27,10 @@ class Projections:
 def extreme_points(positions: Doubles) -> Doubles:
     """Return the corners of the convex hull of (v, 3) positions, or all of them where they have no volume."""
     try:
-        return positions[ConvexHull(positions).vertices]
+        corners: Doubles = positions[ConvexHull(positions).vertices]
     except QhullError:  # flat, or fewer than four points
         return positions
+    return corners
 
 
 def project(axes: Doubles, outline: Doubles, size: int) -> Projections:

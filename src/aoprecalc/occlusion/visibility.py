@@ -1,7 +1,7 @@
 """Visibility sums: for every covered texel, the weight of the directions that it sees and of all that it could see.
 
-The method is the source's (a shadow map a direction, compared in texture space), with one pass for each direction and its
-opposite, and the comparison made on the receiver's plane.
+The method is the source's (a shadow map for each direction, compared in texture space), with one pass for a direction
+and its opposite, and the comparison made on the receiver's plane.
 """
 
 import numpy as np
@@ -28,7 +28,9 @@ def visibility_sums(
     shadow_size: int,
     progress: Progress,
 ) -> Doubles:
-    """Return (k, 2) float64 sums over both directions of every axis: max(0, n.w) [g.w > 0] visible(w), and without visible(w).
+    """Return (k, 2) float64 sums over both directions of every axis.
+
+    The first is of max(0, n.w) [g.w > 0] visible(w), the second is the same without visible(w).
 
     shading      (f, 3, 3) float32, unit normals at the corners
     axes         (a, 3) unit vectors
@@ -62,4 +64,5 @@ def centred(positions: Doubles) -> Doubles:
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
     moved = positions - middle
     radius = np.sqrt((moved**2).sum(axis=1).max())
-    return moved / radius if radius > 0 else moved
+    scaled: Doubles = moved / (radius if radius > 0 else 1.0)
+    return scaled

@@ -5,8 +5,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from aoprecalc.atlas.choose import choose_atlas
 from aoprecalc.atlas.gutter import first_unsafe_mip
 from aoprecalc.errors import InputError, UsageError
@@ -83,7 +81,7 @@ def bake(
     output        the texture, or a folder (existing, or ending in /); by default <stem>_ao.png in the current folder
     mesh_output   the mesh with the texture's UVs; by default <stem>_ao.<ext> beside the texture
     report        a JSON file for the report
-    Either all files appear, or none and an AoprecalcError is raised: InputError, UsageError, RendererError or OutputError.
+    Either all files appear, or none and InputError, UsageError, RendererError or OutputError is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()
     mesh = Path(mesh)
@@ -139,18 +137,17 @@ def bake_scene(
     values, measured = estimate(sums, 2 * len(directions), options.estimator)
     if not measured.any():
         raise InputError(
-            f"{scene.path}: its surface covers none of the {options.width} x {options.height} texels; use a larger --size"
+            f"{scene.path}: its surface covers none of {options.width} x {options.height} texels; use a larger --size"
         )
     texture = finish(texels, values, measured, options.padding, options.fill, wraps=atlas.wraps)
     warnings = []
     if 2 * len(directions) != options.directions:
+        asked = f"{options.directions} were asked for"
+        warnings.append(f"{2 * len(directions)} directions were used, as they come in pairs; {asked}")
+    if atlas.gutter is not None and first_unsafe_mip(atlas.gutter) == 1 and options.padding > atlas.gutter:
         warnings.append(
-            f"{2 * len(directions)} directions were used, as they come in pairs; {options.directions} were asked for"
-        )
-    if atlas.gutter is not None and atlas.gutter < 2 * options.padding:
-        warnings.append(
-            f"charts have gutters of {atlas.gutter} texels, less than twice the padding of {options.padding}, because there are "
-            f"{atlas.charts}; they may mix from mip level {first_unsafe_mip(atlas.gutter)} on; a larger --size has more room"
+            f"{atlas.charts} charts leave room for gutters of {atlas.gutter} texels only; they may mix from mip level "
+            "1 on; a larger --size has more room"
         )
     return Baked(texture, atlas, normals, 2 * len(directions), shadow_size, name, tuple(warnings))
 
@@ -166,4 +163,5 @@ def _describe(atlas: Atlas) -> str:
     charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
     if atlas.method == "keep":
         return f"unwrap: the file's own UVs, {charts}"
-    return f"unwrap: new UVs by {atlas.method}, {charts}, gutters of {atlas.gutter} texels"
+    right = first_unsafe_mip(atlas.gutter or 0) - 1
+    return f"unwrap: new UVs by {atlas.method}, {charts}, gutters of {atlas.gutter} texels: right to mip level {right}"

@@ -14,7 +14,8 @@ _STL_ANGLE = 40.0  # STL knows no smoothness; above this angle an edge was proba
 
 def area_vectors(corners: Doubles) -> Doubles:
     """Return twice the area of each face times its unit normal, (f, 3), from (f, 3, 3) corners; follows the winding."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors: Doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return vectors
 
 
 def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | None = None) -> Floats:
@@ -35,7 +36,7 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
         return own.astype(np.float32)
     angle = crease_angle if crease_angle is not None else _STL_ANGLE if scene.kind == "stl" else _SMOOTH_ANGLE
     fans = scene.faces if angle >= _SMOOTH_ANGLE else _smooth_fans(scene.faces, _unit(areas), angle)
-    sums = np.column_stack([np.bincount(fans.ravel(), np.repeat(areas[:, axis], 3)) for axis in range(3)])
+    sums: Doubles = np.column_stack([np.bincount(fans.ravel(), np.repeat(areas[:, axis], 3)) for axis in range(3)])
     # Where opposite faces cancel there is no mean: each keeps its own.
     cancelled = np.linalg.norm(sums, axis=1) <= 1e-9 * np.bincount(
         fans.ravel(), np.repeat(np.linalg.norm(areas, axis=1), 3)
@@ -55,7 +56,7 @@ def geometric_normals(scene: Scene, shading: Floats) -> Floats:
 
 
 def edges_of(faces: Ints) -> Ints:
-    """Return the edges of (f, 3) faces as sorted position pairs, (f * 3, 2): edge c of a face runs from corner c to c + 1."""
+    """Return the edges of (f, 3) faces as sorted pairs, (f * 3, 2): edge c of a face runs from corner c to c + 1."""
     return np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
 
 
@@ -87,8 +88,8 @@ def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
             joined_to.append(other[same])
     rows, columns = np.concatenate(joined_from), np.concatenate(joined_to)
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(faces.size, faces.size))
-    labels = connected_components(graph, directed=False)[1]
-    return labels.reshape(faces.shape).astype(np.int32)
+    labels: Ints = connected_components(graph, directed=False)[1].astype(np.int32)
+    return labels.reshape(faces.shape)
 
 
 def _unit(vectors: Doubles, empty: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Doubles:

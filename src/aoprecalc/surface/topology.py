@@ -29,7 +29,7 @@ def topology(faces: Ints) -> Topology:
 
 
 def islands(corners: Ints) -> Ints:
-    """Return the island of each face, (f,) int32, of (f, 3) corner numbers: faces that share a number share an island."""
+    """Return the island of each face, (f,) int32, for (f, 3) corner numbers: faces that share a number are of one."""
     size = int(corners.max()) + 1
     rows = np.concatenate([corners[:, 0], corners[:, 0]])
     columns = np.concatenate([corners[:, 1], corners[:, 2]])

@@ -10,17 +10,16 @@ _BAND_ROWS = 512
 
 
 def finish(texels: Texels, values: Floats, measured: Mask, padding: int, fill: Fill, *, wraps: bool = False) -> Texture:
-    """Return the finished picture of texel values, (k,) float32 in [0, 1], of which only the measured ones, (k,) bool, count.
+    """Return the finished picture of texel values, (k,) float32 in [0, 1]; only the measured ones, (k,) bool, count.
 
     padding   texels in the gutter take the value of the nearest measured texel at most this far away
     fill      the remaining texels: mean (of the measured ones; source, 1.1.3), pushpull or none (0)
     wraps     the texture repeats, so that padding goes round its edges
     """
-    picture = np.zeros(texels.width * texels.height, np.float32)
-    valid = np.zeros(picture.shape, bool)
+    picture: Floats = np.zeros((texels.height, texels.width), np.float32)
+    valid: Mask = np.zeros(picture.shape, bool)
     index = texels.index[measured]
-    picture[index], valid[index] = values[measured], True
-    picture, valid = (plane.reshape(texels.height, texels.width) for plane in (picture, valid))
+    picture.ravel()[index], valid.ravel()[index] = values[measured], True
     if not len(index):
         return Texture(picture, valid)
     padded, known = pad(picture, valid, padding, wraps=wraps)
@@ -40,7 +39,9 @@ def pad(picture: Floats, valid: Mask, reach: int, *, wraps: bool = False) -> tup
         return picture.copy(), valid.copy()
     height, width = valid.shape
     sides = (min(reach, height), min(reach, width)) if wraps else (0, 0)
-    source, mask = (np.pad(plane, [(side, side) for side in sides], mode="wrap") for plane in (picture, valid))
+    margin = [(side, side) for side in sides]
+    source: Floats = np.pad(picture, margin, mode="wrap")
+    mask: Mask = np.pad(valid, margin, mode="wrap")
     result, known = np.zeros_like(source), np.zeros_like(mask)
     for start in range(0, len(source), _BAND_ROWS):
         stop = min(start + _BAND_ROWS, len(source))

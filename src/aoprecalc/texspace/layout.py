@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.model import Atlas, Doubles, Floats, Ints, Scene
+from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import edge_ids
 
 _MOST_TILES = 4  # a face that spans more repeats of the texture than this is drawn in the first ones only
@@ -54,10 +54,11 @@ def corner_ids(faces: Ints, uvs: Doubles) -> Ints:
     return ids
 
 
-def _borders(corners: Ints) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _borders(corners: Ints) -> Mask:
     """Return which edges, (f * 3,), belong to one face alone."""
     ids = edge_ids(corners)
-    return np.bincount(ids)[ids] == 1
+    alone: Mask = np.bincount(ids)[ids] == 1
+    return alone
 
 
 def _wrap(uvs: Doubles) -> tuple[Doubles, Ints]:

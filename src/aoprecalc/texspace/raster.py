@@ -30,7 +30,7 @@ class Band:
 
 
 def _in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Order texels by squares of the picture: neighbours there look at the same part of a map, which stays in the cache."""
+    """Order texels by squares of the picture: neighbours there read the same part of a map, which the cache keeps."""
     row, column = np.divmod(index, width)
     across = -(-width // _BLOCK)
     return index[np.argsort(row // _BLOCK * across + column // _BLOCK, kind="stable")]
@@ -39,9 +39,9 @@ def _in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
 class Raster:
     """Draws a layout, band by band, into one float target of (face + 1, weight of corner 1, weight of corner 2, 0).
 
-    Triangles are sampled as any rasteriser does, except that the sample may lie anywhere in the texel's square; borders are
-    drawn conservatively, so that every texel whose square the surface touches has a sample, moved onto the surface (idea:
-    J. Hasselgren, T. Akenine-Moeller, L. Ohlsson, "Conservative Rasterization", GPU Gems 2, 2005).
+    Triangles are sampled as any rasteriser does, except that the sample may lie anywhere in the texel's square; borders
+    are drawn conservatively, so that every texel whose square the surface touches has a sample, moved onto the surface
+    (idea: J. Hasselgren, T. Akenine-Moeller, L. Ohlsson, "Conservative Rasterization", GPU Gems 2, 2005).
     """
 
     def __init__(self, context: moderngl.Context, layout: Layout) -> None:
@@ -83,7 +83,7 @@ class Raster:
         return Texels(layout.width, layout.height, np.concatenate(found)), bands
 
     def draw(self, row: int, sample_at: tuple[float, float]) -> moderngl.Texture:
-        """Draw the band that starts at `row`, sampled at `sample_at` in [0, 1)^2; returns the target, in use until the next."""
+        """Draw the band that starts at `row`, sampled at `sample_at` in [0, 1)^2; the target is good until the next."""
         context = self._begin(row, self._fill, self._edge)
         self._fill["sample_at"] = self._edge["sample_at"] = sample_at
         context.enable_only(moderngl.DEPTH_TEST)
@@ -100,12 +100,13 @@ class Raster:
         for row in range(0, self.layout.height, self._band_rows):
             context = self._begin(row, self._count)
             context.enable_only(moderngl.BLEND)
-            context.blend_equation, context.blend_func = moderngl.FUNC_ADD, (moderngl.ONE, moderngl.ONE)
+            context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
+            context.blend_func = moderngl.ONE, moderngl.ONE
             self._counted.render(moderngl.TRIANGLES)
             counts = np.frombuffer(self._surface.read(), np.float32)[::4]
             counts = counts[: min(self._band_rows, self.layout.height - row) * self.layout.width]
-            covered += np.count_nonzero(counts)
-            twice += np.count_nonzero(counts > 1.5)
+            covered += int(np.count_nonzero(counts))
+            twice += int(np.count_nonzero(counts > 1.5))
         return twice / covered if covered else 0.0
 
     def _begin(self, row: int, *programs: moderngl.Program) -> moderngl.Context:
