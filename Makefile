@@ -20,7 +20,7 @@ $(SETUP): pyproject.toml scripts/setup-gl
 
 demo: $(SETUP)
 	$(BIN)/python examples/make_meshes.py demo
-	cd demo && ../$(BIN)/aoprecalc bake colonnade.obj && ../$(BIN)/aoprecalc spheres colonnade.obj -n 150
+	cd demo && ../$(BIN)/aoprecalc bake colonnade.obj --crease-angle 40 && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300
 	$(BIN)/python examples/render.py demo/colonnade_ao.obj demo/colonnade_ao.png demo/colonnade_spheres.json -o demo/colonnade_picture.png
 	@echo
 	@echo "Pictures to look at:"
