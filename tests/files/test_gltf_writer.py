@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from aoprecalc.files import load_scene, read_image
-from aoprecalc.files.gltf_accessors import doubles, numbers, raw_rows
+from aoprecalc.files.gltf.accessors import doubles, numbers, raw_rows
 
 
 def occlusion_uvs(scene):

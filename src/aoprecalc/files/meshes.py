@@ -8,13 +8,13 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError, OutputError, UsageError
 from aoprecalc.files.atomic import Outputs
-from aoprecalc.files.gltf_reader import read_gltf
-from aoprecalc.files.gltf_writer import write_gltf
-from aoprecalc.files.obj_reader import ObjDocument, read_obj
-from aoprecalc.files.obj_writer import write_obj
+from aoprecalc.files.gltf.reader import read_gltf
+from aoprecalc.files.gltf.writer import write_gltf
+from aoprecalc.files.obj.reader import ObjDocument, read_obj
+from aoprecalc.files.obj.writer import write_obj
 from aoprecalc.files.off_reader import read_off
-from aoprecalc.files.ply_reader import read_ply
-from aoprecalc.files.ply_writer import write_ply
+from aoprecalc.files.ply.reader import read_ply
+from aoprecalc.files.ply.writer import write_ply
 from aoprecalc.files.stl_reader import read_stl
 from aoprecalc.model import Atlas, Floats, Scene
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from aoprecalc.files.corners import split_corners
-from aoprecalc.files.gltf_buffer import GltfBuffer
-from aoprecalc.files.gltf_document import Json
-from aoprecalc.files.gltf_materials import texture_reference
-from aoprecalc.files.mtl import Material
-from aoprecalc.files.obj_reader import ObjDocument, Section
+from aoprecalc.files.gltf.buffer import GltfBuffer
+from aoprecalc.files.gltf.document import Json
+from aoprecalc.files.gltf.materials import texture_reference
+from aoprecalc.files.obj.materials import Material
+from aoprecalc.files.obj.reader import ObjDocument, Section
 from aoprecalc.files.references import relative_uri
 from aoprecalc.model import Atlas, Floats, Part, Scene
 

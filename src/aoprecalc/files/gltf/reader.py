@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.files.damage import check_indices, damaged
-from aoprecalc.files.gltf_accessors import doubles, numbers
-from aoprecalc.files.gltf_document import GltfDocument, Json, parse_gltf
-from aoprecalc.files.gltf_nodes import world_matrices
+from aoprecalc.files.gltf.accessors import doubles, numbers
+from aoprecalc.files.gltf.document import GltfDocument, Json, parse_gltf
+from aoprecalc.files.gltf.nodes import world_matrices
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.polygons import fan_triangles, strip_triangles
 from aoprecalc.model import Doubles, Scene

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.files.damage import damaged
-from aoprecalc.files.gltf_document import GltfDocument, Json
+from aoprecalc.files.gltf.document import GltfDocument, Json
 from aoprecalc.model import Doubles
 
 

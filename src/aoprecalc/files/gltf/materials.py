@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 
-from aoprecalc.files.gltf_document import Json
+from aoprecalc.files.gltf.document import Json
 
 VARIANTS = "KHR_materials_variants"
 

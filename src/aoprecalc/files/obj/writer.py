@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.distinct import distinct_rows
-from aoprecalc.files.mtl import Material
-from aoprecalc.files.obj_reader import ObjDocument, Section
+from aoprecalc.files.obj.materials import Material
+from aoprecalc.files.obj.reader import ObjDocument, Section
 from aoprecalc.files.references import relative_path
 from aoprecalc.model import Atlas, Floats, Part, Scene
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from aoprecalc.files.atomic import Outputs
-from aoprecalc.files.gltf_buffer import GltfBuffer
-from aoprecalc.files.gltf_document import Json, local_file
+from aoprecalc.files.gltf.buffer import GltfBuffer
+from aoprecalc.files.gltf.document import Json, local_file
 from aoprecalc.files.images import read_image, write_image
 from aoprecalc.files.references import relative_uri
 

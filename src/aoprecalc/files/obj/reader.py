@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.files.damage import damaged
-from aoprecalc.files.mtl import Material, read_materials
+from aoprecalc.files.obj.materials import Material, read_materials
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.polygons import polygon_triangles
 from aoprecalc.model import Doubles, Scene

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.corners import split_corners
-from aoprecalc.files.ply_reader import PlyDocument
-from aoprecalc.files.ply_table import TYPES
+from aoprecalc.files.ply.reader import PlyDocument
+from aoprecalc.files.ply.table import TYPES
 from aoprecalc.files.references import relative_path
 from aoprecalc.model import Atlas, Doubles, Floats, Scene
 

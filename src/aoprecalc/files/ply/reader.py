@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.files.damage import check_indices, damaged
 from aoprecalc.files.pieces import Piece, build_scene
-from aoprecalc.files.ply_table import Element, Property, Table, read_table
+from aoprecalc.files.ply.table import Element, Property, Table, read_table
 from aoprecalc.files.polygons import polygon_triangles, strip_triangles
 from aoprecalc.model import Doubles, Scene
 

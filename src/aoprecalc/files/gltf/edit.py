@@ -8,10 +8,10 @@ import numpy as np
 
 from aoprecalc.files.corners import split_corners
 from aoprecalc.files.damage import check_indices
-from aoprecalc.files.gltf_accessors import doubles, raw_rows, view_bytes
-from aoprecalc.files.gltf_buffer import GltfBuffer
-from aoprecalc.files.gltf_document import GltfDocument, Json
-from aoprecalc.files.gltf_reader import GEOMETRY_EXTENSIONS, INSTANCING, GltfSource
+from aoprecalc.files.gltf.accessors import doubles, raw_rows, view_bytes
+from aoprecalc.files.gltf.buffer import GltfBuffer
+from aoprecalc.files.gltf.document import GltfDocument, Json
+from aoprecalc.files.gltf.reader import GEOMETRY_EXTENSIONS, INSTANCING, GltfSource
 from aoprecalc.model import Atlas, Doubles, Floats, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.files.gltf_accessors import COMPONENTS, WIDTHS, element_size
-from aoprecalc.files.gltf_document import Json
+from aoprecalc.files.gltf.accessors import COMPONENTS, WIDTHS, element_size
+from aoprecalc.files.gltf.document import Json
 
 ARRAY, ELEMENT_ARRAY = 34962, 34963
 FLOAT, USHORT, UINT = 5126, 5123, 5125

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.files.damage import damaged
-from aoprecalc.files.gltf_document import GltfDocument, Json
+from aoprecalc.files.gltf.document import GltfDocument, Json
 from aoprecalc.model import Doubles
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

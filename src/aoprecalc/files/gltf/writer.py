@@ -5,11 +5,11 @@ import struct
 from pathlib import Path
 
 from aoprecalc.files.atomic import Outputs
-from aoprecalc.files.gltf_document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
-from aoprecalc.files.gltf_edit import edit_document
-from aoprecalc.files.gltf_fresh import fresh_document, show_texture
-from aoprecalc.files.gltf_materials import occlude
-from aoprecalc.files.gltf_picture import add_texture, carry_images
+from aoprecalc.files.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
+from aoprecalc.files.gltf.edit import edit_document
+from aoprecalc.files.gltf.fresh import fresh_document, show_texture
+from aoprecalc.files.gltf.materials import occlude
+from aoprecalc.files.gltf.picture import add_texture, carry_images
 from aoprecalc.model import Atlas, Floats, Scene
 
 
