@@ -14,12 +14,14 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "bake": "recipes",
+    "bake_scene": "recipes",
     "fit_spheres": "recipes",
     "BakeOptions": "options",
     "SphereOptions": "options",
     "Progress": "progress",
     "Scene": "model",
     "Atlas": "model",
+    "Baked": "model",
     "Texture": "model",
     "SphereSet": "model",
     "load_scene": "files",

@@ -117,6 +117,28 @@ class Texture:
 
 
 @dataclass(frozen=True, eq=False)
+class Baked:
+    """What a bake makes of a scene.
+
+    texture       the finished picture
+    atlas         the UVs that it belongs to
+    normals       (f, 3, 3) float32: the shading normals that were used
+    directions    light directions that were used
+    shadow_size   side of the near/far maps in texels
+    renderer      what the OpenGL implementation calls itself
+    warnings      what the user should know about the result
+    """
+
+    texture: Texture
+    atlas: Atlas
+    normals: Floats
+    directions: int
+    shadow_size: int
+    renderer: str
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class SphereSet:
     """Spheres that stand in for a mesh.
 

@@ -61,7 +61,7 @@ def _xatlas(
     if run.returncode != 0:
         said = run.stderr.decode(errors="replace").strip().splitlines()
         reason = said[-1] if said else f"exit status {run.returncode}"
-        raise AoprecalcError(f"xatlas could not unwrap {len(faces)} faces ({reason}); try --unwrap uvunwrap")
+        raise AoprecalcError(f"xatlas could not unwrap {len(faces)} faces ({reason}), or try --unwrap uvunwrap")
     answer = np.load(io.BytesIO(run.stdout))
     return answer["uvs"], answer["placed"], int(answer["charts"]), int(answer["gutter"])
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from aoprecalc.atlas.gutter import chart_size, choose_gutter, fitting_scale
 from aoprecalc.model import Doubles, Floats, Ints, Mask
 
-_PACKINGS = 10  # tries at the greatest scale that fits one page
-_STEP = 1.08  # between tries until one fits and one does not
+_PACKINGS = 12  # tries at the greatest scale that fits one page
+_STEP = 1.08  # between the first two tries; squared after each that is too large
 _CLOSE = 1.005  # such a pair is close enough
 
 
@@ -46,7 +46,7 @@ def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
     options = xatlas.PackOptions()
     options.resolution, options.texels_per_unit = size - 2 * border, 1.0
     options.padding, options.bilinear = gutter, False
-    fits, too_large, scale = 0.0, np.inf, 1.0
+    fits, too_large, scale, step = 0.0, np.inf, 1.0, _STEP
     best = None
     for _ in range(_PACKINGS):
         page = xatlas.Atlas()
@@ -56,11 +56,12 @@ def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
             fits, best = scale, _uvs_of(page, len(flat), border) / size
         else:
             too_large = scale
+            step = step if fits else step * step
         if too_large < fits * _CLOSE:
             break
-        scale = too_large / _STEP if not fits else fits * _STEP if np.isinf(too_large) else (fits + too_large) / 2
+        scale = too_large / step if not fits else fits * step if np.isinf(too_large) else (fits + too_large) / 2
     if best is None:
-        raise ValueError(f"the charts of {len(corners)} triangles did not fit one page of {size} texels")
+        raise ValueError(f"its charts did not fit {size} x {size} texels with gutters of {gutter}; use a larger --size")
     return best
 
 
@@ -75,7 +76,10 @@ def _uvs_of(page: "xatlas.Atlas", count: int, border: int) -> Doubles:
 def main() -> None:
     """Answer one request."""
     request = np.load(io.BytesIO(sys.stdin.buffer.read()))
-    answer = unwrap(request["positions"], request["faces"], int(request["size"]), int(request["padding"]))
+    try:
+        answer = unwrap(request["positions"], request["faces"], int(request["size"]), int(request["padding"]))
+    except ValueError as error:
+        sys.exit(str(error))
     buffer = io.BytesIO()
     np.savez(buffer, **answer)
     sys.stdout.buffer.write(buffer.getvalue())

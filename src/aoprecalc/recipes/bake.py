@@ -5,8 +5,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from aoprecalc.atlas.choose import choose_atlas
 from aoprecalc.atlas.gutter import first_unsafe_mip
+from aoprecalc.atlas.unwrap import faces_with_area
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.files import (
     Outputs,
@@ -20,7 +23,7 @@ from aoprecalc.files import (
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
 from aoprecalc.gl.context import Renderer, open_renderer
-from aoprecalc.model import Atlas, Floats, Scene, Texture
+from aoprecalc.model import Atlas, Baked, Scene
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.estimate import estimate
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
@@ -33,28 +36,6 @@ from aoprecalc.surface.normals import shading_normals
 from aoprecalc.texspace.finish import finish
 from aoprecalc.texspace.layout import lay_out
 from aoprecalc.texspace.raster import Raster
-
-
-@dataclass(frozen=True, eq=False)
-class Baked:
-    """What a bake makes of a scene.
-
-    texture       the finished picture
-    atlas         the UVs that it belongs to
-    normals       (f, 3, 3) float32: the shading normals that were used
-    directions    light directions that were used
-    shadow_size   side of the near/far maps in texels
-    renderer      what the OpenGL implementation calls itself
-    warnings      what the user should know about the result
-    """
-
-    texture: Texture
-    atlas: Atlas
-    normals: Floats
-    directions: int
-    shadow_size: int
-    renderer: str
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +125,11 @@ def bake_scene(
     if 2 * len(directions) != options.directions:
         asked = f"{options.directions} were asked for"
         warnings.append(f"{2 * len(directions)} directions were used, as they come in pairs; {asked}")
+    left_out = np.count_nonzero(faces_with_area(scene) & ~atlas.covers)
+    if left_out:
+        warnings.append(
+            f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
+        )
     if atlas.gutter is not None and first_unsafe_mip(atlas.gutter) == 1 and options.padding > atlas.gutter:
         warnings.append(
             f"{atlas.charts} charts leave room for gutters of {atlas.gutter} texels only; they may mix from mip level "

@@ -1,25 +1,22 @@
 """The report of a bake: what was read, chosen and measured, as one JSON document."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from aoprecalc import __version__
 from aoprecalc.atlas.gutter import first_unsafe_mip
-from aoprecalc.model import Scene
+from aoprecalc.model import Baked, Scene
 from aoprecalc.options import BakeOptions
 from aoprecalc.surface.topology import topology
-
-if TYPE_CHECKING:
-    from aoprecalc.recipes.bake import Baked
 
 SCHEMA = 1
 
 
 def bake_report(
     scene: Scene,
-    baked: "Baked",
+    baked: Baked,
     options: BakeOptions,
     texture_path: Path,
     mesh_path: Path,
