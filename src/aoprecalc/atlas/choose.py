@@ -28,7 +28,7 @@ def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, 
             return kept
         if options.unwrap == "keep":
             raise InputError(f"{scene.path}: its UVs cannot hold a bake ({fault}); use --unwrap auto or xatlas")
-        progress.note(f"new UVs, as the file's cannot hold a bake: {fault}")
+        progress.note(f"the file's UVs are not kept: {fault}")
     method = options.unwrap
     if method == "uvunwrap" and find_spec("uvunwrap") is None:
         raise UsageError(

@@ -12,13 +12,13 @@ from aoprecalc.progress import Progress
 
 
 class Console(Progress):
-    """Prints warnings always but when quiet, notes when asked, and stages with bars where stderr is a terminal."""
+    """Prints warnings and notes unless quiet, and stages with bars where stderr is a terminal."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         """Nothing is printed until there is something to say."""
         self._quiet = quiet
         self._verbose = verbose
-        self._bars: Any = None
+        self._bar: Any = None  # of the present stage; None where there is no terminal to draw it on
         self._task: Any = None
 
     @contextmanager
@@ -26,52 +26,46 @@ class Console(Progress):
         """Show the stage while it lasts; -v prints its seconds."""
         started = time.perf_counter()
         if sys.stderr.isatty() and not self._quiet:
-            bars = _bars()
-            outer, outer_task = self._bars, self._task
-            with bars:
-                self._bars, self._task = bars, bars.add_task(name, total=total, unit=unit)
-                yield
-            self._bars, self._task = outer, outer_task
+            with _bar(total) as self._bar:
+                self._task = self._bar.add_task(name, total=total, unit=unit)
+                try:
+                    yield
+                finally:
+                    self._bar = None
         else:
             yield
         if self._verbose:
-            click.echo(f"{name}: {time.perf_counter() - started:.2f} s", err=True)
+            self._say(f"{name}: {time.perf_counter() - started:.2f} s")
 
     def advance(self, count: int = 1) -> None:
         """Move the bar of the present stage."""
-        if self._bars is not None:
-            self._bars.advance(self._task, count)
+        if self._bar is not None:
+            self._bar.advance(self._task, count)
 
     def note(self, text: str) -> None:
         """Print a line about a choice that was made."""
-        if not self._quiet:
-            click.echo(text, err=True)
+        self._say(text)
 
     def warn(self, text: str) -> None:
         """Print a line that begins with `warning:`."""
-        if not self._quiet:
-            click.echo(f"warning: {text}", err=True)
+        self._say(f"warning: {text}")
+
+    def _say(self, line: str) -> None:
+        if self._quiet:
+            return
+        if self._bar is not None:  # above the bar, not through it
+            self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
+        else:
+            click.echo(line, err=True)
 
 
-def _bars() -> Any:
+def _bar(total: int | None) -> Any:
+    """Return rich's progress for one stage; it vanishes when the stage ends."""
+    from rich import progress
     from rich.console import Console as Terminal
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    return Progress(
-        TextColumn("{task.description:<11}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[unit]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=Terminal(stderr=True),
-        transient=True,
-    )
+    columns = [progress.SpinnerColumn(), progress.TextColumn("{task.description:<10}"), progress.TimeElapsedColumn()]
+    if total is not None:
+        count = progress.TextColumn("{task.completed}/{task.total} {task.fields[unit]}")
+        columns[2:] = [progress.BarColumn(), count, progress.TimeRemainingColumn(), progress.TextColumn("left")]
+    return progress.Progress(*columns, console=Terminal(stderr=True), transient=True)
