@@ -60,3 +60,13 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
         options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator)
         texture = bake_scene(plane, options).texture
         assert texture.values[texture.valid] == pytest.approx(expected, abs=0.003)
+
+
+def test_a_shading_normal_behind_the_surface_gives_way_to_the_geometric_one():
+    """Two corners whose normals point away from the face: where they prevail, n := g, and the face is as open as ever."""
+    up, down = (0, 0, 1), (0, 0, -1)
+    normals = np.array([[down, down, up], [down, up, up]])
+    plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
+    options = BakeOptions(width=64, height=64, directions=2000, estimator="mean")
+    texture = bake_scene(plane, options).texture
+    assert texture.values[texture.valid].min() > 0.98
