@@ -63,7 +63,7 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
 
 
 def test_a_shading_normal_behind_the_surface_gives_way_to_the_geometric_one():
-    """Two corners whose normals point away from the face: where they prevail, n := g, and the face is as open as ever."""
+    """Corners whose normals point away from the face: where they prevail, n := g, and the face is as open as ever."""
     up, down = (0, 0, 1), (0, 0, -1)
     normals = np.array([[down, down, up], [down, up, up]])
     plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
