@@ -30,9 +30,9 @@ class StageLines(aoprecalc.Progress):
 def build(mesh: Path, folder: Path, bake: aoprecalc.BakeOptions, fit: aoprecalc.SphereOptions) -> None:
     """Write the texture, the mesh with its UVs and the spheres of one mesh, and print what was measured."""
     print(mesh.name)
-    baked = aoprecalc.bake(mesh, folder / f"{mesh.stem}_ao.png", options=bake, progress=StageLines())
-    fitted = aoprecalc.fit_spheres(mesh, folder / f"{mesh.stem}_spheres.json", options=fit, progress=StageLines())
-    seconds = sum(baked.report["seconds"].values()) + sum(fitted.seconds.values())
+    baked = aoprecalc.bake(mesh, f"{folder}/", options=bake, progress=StageLines())
+    fitted = aoprecalc.fit_spheres(mesh, f"{folder}/", options=fit, progress=StageLines())
+    seconds = baked.report["seconds"]["total"]
     print(f"  mean occlusion {baked.report['ao']['mean']:.2f}, {len(fitted.spheres)} spheres, {seconds:.1f} s")
 
 

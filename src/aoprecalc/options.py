@@ -19,11 +19,11 @@ Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
 
 # name -> (least, greatest): the ranges that help texts print and that every way in is held to.
-RANGES: dict[str, tuple[float, float]] = {
+RANGES: dict[str, tuple[int, int]] = {
     "width": (1, 32768),
     "height": (1, 32768),
     "directions": (1, 1_000_000),
-    "shadow_size": (16, 16384),
+    "shadow_size": (16, 8192),
     "padding": (0, 256),
     "crease_angle": (0, 180),
     "threads": (0, 1024),
@@ -33,6 +33,9 @@ RANGES: dict[str, tuple[float, float]] = {
     "max_iterations": (1, 1_000_000),
 }
 
+# Options that are called otherwise than their fields.
+_NAMES = {"width": "size", "height": "size"}
+
 # Above this many triangles `--unwrap auto` prefers uvunwrap, 10 to 40 times faster than xatlas on large surfaces.
 LARGE_MESH = 30_000
 
@@ -41,14 +44,17 @@ def _check(options: object) -> None:
     """Hold every field to its range or its choices; raises UsageError."""
     hints = get_type_hints(type(options))
     for field in fields(options):  # type: ignore[arg-type]
-        value = getattr(options, field.name)
-        choices = get_args(hints[field.name])
-        if choices and all(isinstance(choice, str) for choice in choices) and value not in choices:
-            raise UsageError(f"{field.name} is {value!r}; expected one of {', '.join(choices)}")
+        value, hint = getattr(options, field.name), hints[field.name]
+        name = f"--{_NAMES.get(field.name, field.name).replace('_', '-')}"
+        choices = [choice for choice in get_args(hint) if isinstance(choice, str)]
+        if choices and value not in choices:
+            raise UsageError(f"{name} is {value!r}; expected one of {', '.join(choices)}")
         if field.name in RANGES and value is not None:
             low, high = RANGES[field.name]
-            if not low <= value <= high:
-                raise UsageError(f"{field.name} is {value}; expected a number from {low:g} to {high:g}")
+            kinds = (int, float) if float in (hint, *get_args(hint)) else (int,)
+            if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
+                kind = "number" if float in kinds else "whole number"
+                raise UsageError(f"{name} is {value!r}; expected a {kind} from {low} to {high}")
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ class BakeOptions:
     bit_depth       auto: 8 for PNG, half for EXR, 8 for others
     normals         auto: the file's, else smooth; flat: the faces' own
     crease_angle    degrees: edges that bend more are hard where normals are made; None: 180, and 40 for STL
-    threads         for software rendering and array work; 0: all cores
+    threads         for software rendering; 0: all cores; a process keeps to what its first bake asked for
     """
 
     width: int = 1024

@@ -27,7 +27,7 @@ def charts_of(made, atlas):
 def test_an_unwrap_is_a_faithful_map(renderer, method, scale):
     positions, faces = join(torus(around=24, across=12), (box()[0] * 0.4 + 3, box()[1]))
     made = scene(positions * scale, faces)
-    atlas = unwrap(made, method, SIZE, 4, Progress())
+    atlas = unwrap(made, method, SIZE, 4)
     assert atlas.covers.all()
     assert atlas.uvs.min() >= 0
     assert atlas.uvs.max() <= 1
@@ -47,7 +47,7 @@ def test_an_unwrap_is_a_faithful_map(renderer, method, scale):
 @pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
 def test_charts_keep_the_gutter_between_them_and_half_of_it_at_the_sides(renderer, method):
     made = scene(*box())
-    atlas = unwrap(made, method, SIZE, 4, Progress())
+    atlas = unwrap(made, method, SIZE, 4)
     charts = charts_of(made, atlas)
     texels = [
         np.column_stack(np.divmod(_covered(renderer, made, atlas, charts == chart), SIZE))
@@ -69,10 +69,10 @@ def _covered(renderer, made, atlas, faces):
 def test_faces_without_area_have_no_place():
     positions, faces = ball(1)
     made = scene(positions, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]]))
-    atlas = unwrap(made, "xatlas", SIZE, 4, Progress())
+    atlas = unwrap(made, "xatlas", SIZE, 4)
     assert atlas.covers.tolist() == [True] * len(faces) + [False] * 2
     with pytest.raises(InputError, match="none of its 1 faces has area"):
-        unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", SIZE, 4, Progress())
+        unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", SIZE, 4)
 
 
 def test_the_gutter_shrinks_with_the_room_and_never_below_two():
@@ -85,8 +85,9 @@ def test_the_gutter_shrinks_with_the_room_and_never_below_two():
 
 
 def test_eight_texels_of_padding_are_right_to_level_two():
-    assert first_unsafe_mip(16) == 3
-    assert [first_unsafe_mip(gutter) for gutter in (2, 6, 12, 24)] == [1, 2, 3, 4]
+    assert first_unsafe_mip(16, 8) == 3
+    assert [first_unsafe_mip(gutter, 99) for gutter in (2, 6, 12, 24)] == [1, 2, 3, 4]
+    assert [first_unsafe_mip(99, padding) for padding in (0, 1, 3, 6)] == [0, 1, 2, 3]
 
 
 def choose(renderer, made, unwrap):

@@ -70,7 +70,7 @@ def test_the_report_has_what_scripts_read(ring, tmp_path):
     assert report["schema"] == 1
     expected = {"path": "ring.obj", "triangles": 256, "vertices": 128, "components": 1, "watertight": True}
     assert report["input"] == expected
-    assert report["outputs"] == {"texture": "ring_ao.png", "mesh": "ring_ao.obj"}
+    assert report["outputs"] == {"texture": "ring_ao.png", "mesh": "ring_ao.obj", "others": ["ring_ao.mtl"]}
     assert report["directions"] == 64
     assert report["backend"] == "gl"
     assert set(report["unwrap"]) >= {"method", "charts", "used_share", "gutter", "first_unsafe_mip"}
@@ -121,14 +121,14 @@ BAD = {
     "unknown option": (["bake", "ring.obj", "--sise", "9"], 2, "--sise"),
     "no mesh": (["bake"], 2, "MESH"),
     "no directions": (["bake", "ring.obj", "-n", "0"], 2, "-n"),
-    "no texels": (["bake", "ring.obj", "--size", "0"], 2, "width is 0"),
+    "no texels": (["bake", "ring.obj", "--size", "0"], 2, "--size is 0"),
     "a size of letters": (["bake", "ring.obj", "--size", "big"], 2, "expected a number of texels"),
     "a size beyond the renderer": (["bake", "ring.obj", "--size", "30000"], 2, "expected at most"),
     "a picture of no kind": (["bake", "ring.obj", "-o", "ring.xyz"], 2, ".xyz"),
     "a depth that PNG lacks": (["bake", "ring.obj", "--bit-depth", "half"], 2, "half"),
     "a mesh output of no kind": (["bake", "ring.obj", "--mesh-output", "ring.stl"], 2, ".stl"),
     "a mesh of no kind": (["bake", "ring.doc"], 2, ".doc"),
-    "the input as output": (["bake", "ring.obj", "--mesh-output", "ring.obj"], 2, "is the input itself"),
+    "the input as output": (["bake", "ring.obj", "--mesh-output", "ring.obj"], 2, "belongs to the input itself"),
     "a missing mesh": (["bake", "missing.obj"], 4, "no such file"),
     "an empty mesh": (["bake", "empty.obj"], 4, "is empty"),
     "garbage": (["bake", "garbage.ply"], 4, "garbage.ply"),
@@ -137,6 +137,10 @@ BAD = {
     "a mesh without area": (["bake", "flat.obj"], 4, "area"),
     "UVs to keep where there are none": (["bake", "ring.obj", "--unwrap", "keep"], 4, "cannot hold a bake"),
     "normals that the file lacks": (["bake", "ring.obj", "--normals", "file"], 4, "has no normals"),
+    "the report on the texture": (["bake", "ring.obj", "--report", "./ring_ao.png"], 2, "two outputs"),
+    "the report on a file beside the mesh": (["bake", "ring.obj", *QUICK, "--report", "ring_ao.mtl"], 2, "two outputs"),
+    "a size without room for charts": (["bake", "ring.obj", "--size", "8"], 2, "use at least 16"),
+    "a device as output": (["bake", "ring.obj", "--report", "/dev/null"], 1, "no regular file"),
     "a folder that is missing": (["bake", "ring.obj", "-o", "missing/ring.png"], 1, "missing"),
     "a report nowhere": (["bake", "ring.obj", "--report", "missing/r.json"], 1, "missing"),
     "a file for a folder": (["bake", "ring.obj", "-o", "ring.obj/"], 1, "ring.obj"),

@@ -55,7 +55,7 @@ def test_every_touched_square_is_covered_and_no_other(renderer, seed):
 
 @pytest.mark.parametrize("sample_at", [(0.5, 0.5), (0.1, 0.9), (0.93, 0.02)])
 @pytest.mark.parametrize("seed", range(3))
-def test_samples_lie_on_their_face_and_in_their_square(renderer, seed, sample_at):
+def test_samples_lie_on_their_face_in_their_square_or_close_by(renderer, seed, sample_at):
     made, uvs = random_triangles(seed)
     surface = np.frombuffer(
         Raster(renderer.context, lay_out(made, atlas_of(uvs), SIZE, SIZE)).draw(0, sample_at).read(), "f4"
@@ -68,8 +68,9 @@ def test_samples_lie_on_their_face_and_in_their_square(renderer, seed, sample_at
     assert weights.min() > -0.01
     found = np.einsum("kc,kcx->kx", weights, uvs[face]) * (SIZE, -SIZE) + (0, SIZE)
     corner = np.column_stack([column, row])
-    assert (found >= corner - 0.01).all()
-    assert (found <= corner + 1.01).all()
+    # Border samples may leave the square by 0.4 texels on their way into the face.
+    assert (found >= corner - 0.41).all()
+    assert (found <= corner + 1.41).all()
     # Where the sample itself is inside a face there is no need to move it.
     moved = np.linalg.norm(found - corner - sample_at, axis=1)
     assert (moved < 1e-3).mean() > 0.3

@@ -11,7 +11,7 @@ from aoprecalc.model import Atlas, Scene
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import corner_ids, lay_out
+from aoprecalc.texspace.layout import MOST_TILES, corner_ids, lay_out
 from aoprecalc.texspace.raster import Raster
 
 MOST_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
@@ -29,15 +29,12 @@ def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, 
         if options.unwrap == "keep":
             raise InputError(f"{scene.path}: its UVs cannot hold a bake ({fault}); use --unwrap auto or xatlas")
         progress.note(f"the file's UVs are not kept: {fault}")
-    method = options.unwrap
-    if method == "uvunwrap" and find_spec("uvunwrap") is None:
-        raise UsageError(
-            "--unwrap uvunwrap: the package is not installed; `pip install uvunwrap`, or use --unwrap xatlas"
-        )
-    if method in ("auto", "keep"):
-        large = len(scene.faces) > LARGE_MESH and find_spec("uvunwrap") is not None
-        method = "uvunwrap" if large else "xatlas"
-    return unwrap(scene, method, min(options.width, options.height), options.padding, progress)  # type: ignore[arg-type]
+    if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
+        raise UsageError("--unwrap uvunwrap: it is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
+    large = len(scene.faces) > LARGE_MESH and find_spec("uvunwrap") is not None
+    fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
+    size = min(options.width, options.height)
+    return unwrap(scene, "uvunwrap" if fast else "xatlas", size, options.padding)
 
 
 def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:
@@ -56,8 +53,9 @@ def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tu
     wraps = bool(scene.uvs[solid].min() < 0 or scene.uvs[solid].max() > 1)
     charts = int(islands(corner_ids(scene.faces[solid], scene.uvs[solid])).max()) + 1
     atlas = Atlas("keep", scene.uvs, solid, charts, wraps=wraps)
-    raster = Raster(context, lay_out(scene, atlas, width, height))
-    overlap = raster.overlap()
+    if np.ptp(scene.uvs[solid], axis=1).max() > MOST_TILES:
+        return None, f"a face spans more than {MOST_TILES} repeats of the texture"
+    overlap = Raster(context, lay_out(scene, atlas, width, height)).overlap()
     if overlap >= MOST_OVERLAP:
         return None, f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
     return atlas, ""

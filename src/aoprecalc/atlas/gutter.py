@@ -24,10 +24,15 @@ def choose_gutter(area: float, outline: float, size: int, padding: int) -> int:
     return gutter
 
 
-def first_unsafe_mip(gutter: int) -> int:
-    """Return the first mip level at which filtering may mix charts; level k needs about 1.5 * 2**k texels a side."""
-    level = 1  # level 0 is right with the least gutter
-    while 1.5 * 2**level <= gutter / 2:
+def first_unsafe_mip(gutter: int, padding: int) -> int:
+    """Return the first mip level at which filtering may mix charts, or a chart with what is not its own.
+
+    Level k needs about 1.5 * 2**k texels a side: half the gutter, or the padding if that is less. One will do for level 0.
+    """
+    if padding == 0:
+        return 0
+    level = 1
+    while 1.5 * 2**level <= min(gutter / 2, padding):
         level += 1
     return level
 

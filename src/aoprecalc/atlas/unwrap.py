@@ -10,21 +10,24 @@ from typing import Any, Literal
 import numpy as np
 
 from aoprecalc.atlas.gutter import LEAST, chart_size, choose_gutter
-from aoprecalc.errors import AoprecalcError, InputError
+from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
-from aoprecalc.progress import Progress
 from aoprecalc.surface.normals import area_vectors
 
+LEAST_SIZE = 16  # texels
 _MANY_CHARTS = 1500  # above this, uvunwrap's fast packing: the better one takes longer than the bake
 _POLL = 0.05  # seconds
 
 
-def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, padding: int, progress: Progress) -> Atlas:
+def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, padding: int) -> Atlas:
     """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
 
     padding   texels around each chart that should stay free; see `choose_gutter` for what happens where room is short
-    Raises InputError where no face has area, AoprecalcError where the unwrapper fails.
+    Raises InputError where no face has area, UsageError where the size is too small for any chart, AoprecalcError where
+    the unwrapper fails.
     """
+    if size < LEAST_SIZE:
+        raise UsageError(f"--size {size} has no room for charts and gutters; use at least {LEAST_SIZE}")
     solid = faces_with_area(scene)
     if not solid.any():
         raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to unwrap")
@@ -32,7 +35,7 @@ def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, paddi
     low = scene.positions.min(axis=0)
     positions = ((scene.positions - low) / np.ptp(scene.positions, axis=0).max()).astype(np.float32)
     engine = _xatlas if method == "xatlas" else _uvunwrap
-    uvs, placed, charts, gutter = engine(positions, scene.faces[solid], size, padding, progress)
+    uvs, placed, charts, gutter = engine(positions, scene.faces[solid], size, padding)
     everywhere: Doubles = np.zeros((len(scene.faces), 3, 2))
     everywhere[solid] = uvs
     solid[solid] = placed
@@ -50,9 +53,7 @@ def faces_with_area(scene: Scene) -> Mask:
     return solid
 
 
-def _xatlas(
-    positions: Floats, faces: Ints, size: int, padding: int, progress: Progress
-) -> tuple[Doubles, Mask, int, int]:
+def _xatlas(positions: Floats, faces: Ints, size: int, padding: int) -> tuple[Doubles, Mask, int, int]:
     request = io.BytesIO()
     np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)
     command = [sys.executable, "-m", "aoprecalc.atlas.xatlas_child"]
@@ -61,22 +62,20 @@ def _xatlas(
     if run.returncode != 0:
         said = run.stderr.decode(errors="replace").strip().splitlines()
         reason = said[-1] if said else f"exit status {run.returncode}"
-        raise AoprecalcError(f"xatlas could not unwrap {len(faces)} faces ({reason}), or try --unwrap uvunwrap")
+        raise AoprecalcError(f"xatlas could not unwrap {len(faces)} faces: {reason}; or try --unwrap uvunwrap")
     answer = np.load(io.BytesIO(run.stdout))
     return answer["uvs"], answer["placed"], int(answer["charts"]), int(answer["gutter"])
 
 
-def _uvunwrap(
-    positions: Floats, faces: Ints, size: int, padding: int, progress: Progress
-) -> tuple[Doubles, Mask, int, int]:
+def _uvunwrap(positions: Floats, faces: Ints, size: int, padding: int) -> tuple[Doubles, Mask, int, int]:
     mesh = _uvunwrap_mesh(positions, faces)
     # A quick first packing tells how much outline there is, and so how much gutter the page has room for.
-    uvs, placed, corners, charts = _run_uvunwrap(mesh, size, LEAST, "fast", progress)
+    uvs, placed, corners, charts = _run_uvunwrap(mesh, size, LEAST, "fast")
     area, outline = chart_size(uvs[placed] * size, corners[placed])
     gutter = choose_gutter(area, outline, size, padding)
     packing: Literal["shape", "fast"] = "fast" if charts > _MANY_CHARTS else "shape"
     if gutter > LEAST or packing == "shape":
-        uvs, placed, corners, charts = _run_uvunwrap(mesh, size, gutter, packing, progress)
+        uvs, placed, corners, charts = _run_uvunwrap(mesh, size, gutter, packing)
     return uvs, placed, charts, gutter
 
 
@@ -87,7 +86,7 @@ def _uvunwrap_mesh(positions: Floats, faces: Ints) -> Any:
 
 
 def _run_uvunwrap(
-    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], progress: Progress
+    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"]
 ) -> tuple[Doubles, Mask, Ints, int]:
     """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
     import uvunwrap
@@ -104,6 +103,8 @@ def _run_uvunwrap(
         raise
     page = atlas.meshes[0]
     corners: Ints = np.array(page.indices, np.int32).reshape(-1, 3)
+    if atlas.page_count > 1:
+        raise AoprecalcError(f"the charts need {atlas.page_count} pages of {size} x {size} texels; use a larger --size")
     placed: Mask = (np.array(page.page)[corners] == 0).all(axis=1)
     uvs = np.array(page.uv, np.float64).reshape(-1, 2)[corners] * (atlas.width / size, atlas.height / size)
     return uvs, placed, corners, atlas.chart_count

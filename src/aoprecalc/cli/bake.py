@@ -67,4 +67,5 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
     ao, texels = report["ao"], report["texels"]
     size_text = f"{texels['width']} x {texels['height']}"
     click.echo(f"{result.texture_path}  {size_text}, mean {ao['mean']:.3f}, {report['directions']} directions")
-    click.echo(f"{result.mesh_path}  {report['input']['triangles']} triangles, UVs: {report['unwrap']['method']}")
+    others = "".join(f" + {name}" for name in report["outputs"]["others"])
+    click.echo(f"{result.mesh_path}{others}  {report['input']['triangles']} triangles")

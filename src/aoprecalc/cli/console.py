@@ -17,7 +17,7 @@ class Console(Progress):
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         """Nothing is printed until there is something to say."""
         self._quiet = quiet
-        self._verbose = verbose
+        self._verbose = verbose and not quiet
         self._bar: Any = None  # of the present stage; None where there is no terminal to draw it on
         self._task: Any = None
 

@@ -1,5 +1,7 @@
 """`aoprecalc`: the group of commands, and the one place where errors become exit codes."""
 
+import re
+import signal
 import sys
 import traceback
 from typing import Any
@@ -23,6 +25,7 @@ class _Group(click.Group):
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; always ends the process."""
         kwargs["standalone_mode"] = False
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does, which tidies up
         try:
             sys.exit(super().main(*args, **kwargs) or 0)
         except AoprecalcError as error:
@@ -36,6 +39,8 @@ class _Group(click.Group):
             sys.exit(130)
         except BrokenPipeError:
             sys.exit(1)  # whoever read the results has gone
+        except OSError as error:
+            _fail(f"cannot write to the terminal or pipe ({error.strerror}); outputs already written stay", 1, error)
         except MemoryError as error:
             _fail("out of memory; use a smaller --size or mesh", 1, error)
         except Exception as error:
@@ -61,7 +66,7 @@ main.add_command(spheres)
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:
-    if {"-v", "--verbose"} & set(sys.argv[1:]):
+    if any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:]):
         traceback.print_exception(error)
     click.echo(f"error: {' '.join(message.split())}", err=True)
     sys.exit(code)

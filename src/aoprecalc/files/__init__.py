@@ -2,7 +2,7 @@
 
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.images import choose_depth, read_image, write_image
-from aoprecalc.files.meshes import check_mesh_suffix, load_scene, mesh_suffix, write_baked_mesh
+from aoprecalc.files.meshes import check_mesh_suffix, load_scene, mesh_suffix, source_files, write_baked_mesh
 
 __all__ = [
     "Outputs",
@@ -11,6 +11,7 @@ __all__ = [
     "load_scene",
     "mesh_suffix",
     "read_image",
+    "source_files",
     "write_baked_mesh",
     "write_image",
 ]

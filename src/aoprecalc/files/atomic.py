@@ -2,11 +2,12 @@
 
 import os
 import secrets
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from types import TracebackType
 
-from aoprecalc.errors import OutputError
+from aoprecalc.errors import OutputError, UsageError
 
 
 class Outputs(AbstractContextManager["Outputs"]):
@@ -22,7 +23,18 @@ class Outputs(AbstractContextManager["Outputs"]):
     def __init__(self) -> None:
         """Start with no files."""
         self._pending: dict[Path, Path] = {}
+        self._claimed: set[Path] = set()
+        self._protected: set[Path] = set()
         self._folders: list[Path] = []
+
+    @property
+    def files(self) -> list[Path]:
+        """The files written so far, in the order in which they were begun, with links followed."""
+        return list(self._pending)
+
+    def protect(self, paths: Iterable[str | os.PathLike[str]]) -> None:
+        """Refuse to write these files from now on: they belong to the input."""
+        self._protected.update(_real(path) for path in paths)
 
     def folder(self, path: str | os.PathLike[str]) -> Path:
         """Make a folder where it is missing, with those above it; they are removed again if the block fails.
@@ -42,34 +54,41 @@ class Outputs(AbstractContextManager["Outputs"]):
 
     def written(self, final: str | os.PathLike[str]) -> Path:
         """Return where the contents of `final` are now: under its temporary path if it is one of these files."""
-        return self._pending.get(Path(final), Path(final))
+        return self._pending.get(_real(final), Path(final))
 
     def claim(self, final: str | os.PathLike[str]) -> None:
-        """Make sure, before long work, that `final` can be written.
+        """Make sure, before long work, that `final` can be written and that nothing else will be written there.
 
-        Raises OutputError as `path` does; leaves no file.
+        Raises as `path` does; leaves no file.
         """
+        if _real(final) in self._claimed:
+            raise UsageError(f"{final}: two outputs have this name; give each its own")
         self.path(final).unlink()
-        del self._pending[Path(final)]
+        del self._pending[_real(final)]
+        self._claimed.add(_real(final))
 
     def path(self, final: str | os.PathLike[str]) -> Path:
         """Return the temporary path (same folder, same extension) under which `final` is to be written now.
 
-        Raises OutputError where the folder is missing or cannot be written, and where `final` is a folder.
+        Raises OutputError where the folder is missing or cannot be written, and where `final` is there but no regular
+        file; UsageError where it is one of the input's own files or was asked for before.
         """
-        target = Path(final)
+        target = _real(final)
         if target in self._pending:
-            return self._pending[target]
-        if target.is_dir():
-            raise OutputError(f"{target}: is a folder, a file name was expected; name a file inside it")
+            raise UsageError(f"{final}: two outputs have this name; give each its own")
+        if target in self._protected:
+            raise UsageError(f"{final}: belongs to the input itself; choose another name or folder for the output")
+        if target.exists() and not target.is_file():
+            kind = "a folder" if target.is_dir() else "no regular file"
+            raise OutputError(f"{final}: is {kind}, a file name was expected; choose another output")
         if not target.parent.is_dir():
-            raise OutputError(f"{target}: there is no folder {target.parent}; create it or choose another output")
+            raise OutputError(f"{final}: there is no folder {Path(final).parent}; create it or choose another output")
         temporary = target.with_name(f".{secrets.token_hex(6)}.{target.name}")
         try:
             temporary.touch(exist_ok=False)
         except OSError as error:
             raise OutputError(
-                f"{target}: cannot write there ({error.strerror}); choose another output or change its permissions"
+                f"{final}: cannot write there ({error.strerror}); choose another output or change its permissions"
             ) from error
         self._pending[target] = temporary
         return temporary
@@ -96,3 +115,8 @@ class Outputs(AbstractContextManager["Outputs"]):
                 os.replace(temporary, target)
             except OSError as error:
                 raise OutputError(f"{target}: cannot be replaced ({error.strerror}); choose another output") from error
+
+
+def _real(path: str | os.PathLike[str]) -> Path:
+    """One name for each file: absolute, with links followed."""
+    return Path(os.path.realpath(path))

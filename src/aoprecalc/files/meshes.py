@@ -8,6 +8,7 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError, OutputError, UsageError
 from aoprecalc.files.atomic import Outputs
+from aoprecalc.files.gltf.document import GltfDocument
 from aoprecalc.files.gltf.reader import read_gltf
 from aoprecalc.files.gltf.writer import write_gltf
 from aoprecalc.files.obj.reader import ObjDocument, read_obj
@@ -66,6 +67,16 @@ def load_scene(path: str | PathLike[str]) -> Scene:
         raise InputError(
             f"{path}: cannot be understood as {kind.upper()} ({reason}); the file is damaged, export it again"
         ) from error
+
+
+def source_files(scene: Scene) -> list[Path]:
+    """Return the files that a scene was read from or that its document refers to; no output may replace them."""
+    if isinstance(scene.document, GltfDocument):
+        return [scene.path, *scene.document.files()]
+    if isinstance(scene.document, ObjDocument):
+        pictures = [material.picture for material in scene.document.materials.values() if material.picture is not None]
+        return [scene.path, *scene.document.libraries, *pictures]
+    return [scene.path]
 
 
 def mesh_suffix(scene: Scene) -> tuple[str, str]:

@@ -16,6 +16,9 @@ from aoprecalc.model import Doubles, Floats, Mask, Part, Scene
 # Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
 LARGEST_COORDINATE = 1e30
 
+# UVs beyond this have lost the digits that tell texels apart.
+LARGEST_UV = 1e5
+
 # Twice a face's area over its longest edge squared, below which it has no direction that doubles can tell.
 FLATTEST_FACE = 1e-12
 
@@ -149,7 +152,7 @@ def _gather_uvs(pieces: Sequence[Piece], said: list[str]) -> Doubles | None:
     uvs = np.concatenate(
         [np.full((len(piece.vertices), 3, 2), np.nan) if piece.uvs is None else piece.uvs for piece in pieces]
     ).astype(np.float64)
-    usable = np.asarray(np.isfinite(uvs).all(axis=2))
+    usable = np.asarray((np.abs(uvs) <= LARGEST_UV).all(axis=2))  # NaN is not, either
     if not usable.all():
         said.append(f"{np.count_nonzero(~usable.all(axis=1))} of {len(uvs)} faces lack usable UVs")
     return np.where(usable[:, :, None], uvs, 0.0)

@@ -4,7 +4,6 @@ import os
 from os import PathLike
 from pathlib import Path
 
-from aoprecalc.errors import UsageError
 from aoprecalc.files.atomic import Outputs
 
 
@@ -20,14 +19,11 @@ def output_place(wanted: str | PathLike[str] | None, default: str | Path) -> Pat
     return path / Path(default).name if path.is_dir() or _says_folder(wanted) else path
 
 
-def claim(outputs: Outputs, source: Path, wanted: str | PathLike[str] | None, place: Path) -> None:
+def claim(outputs: Outputs, wanted: str | PathLike[str] | None, place: Path) -> None:
     """Make sure, before long work, that the output `place`, which `wanted` means, can be written.
 
-    Makes its folder where it is missing and `wanted` ends in a slash. Raises UsageError where the output would replace
-    the file that it is made from, OutputError where it cannot be written.
+    Makes its folder where it is missing and `wanted` ends in a slash. Raises what Outputs.claim does.
     """
-    if place.exists() and source.exists() and place.samefile(source):
-        raise UsageError(f"{place}: is the input itself; choose another name or folder for the output")
     if wanted is not None and _says_folder(wanted):
         outputs.folder(place.parent)
     outputs.claim(place)

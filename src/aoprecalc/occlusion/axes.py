@@ -13,6 +13,7 @@ from aoprecalc.options import Sampling
 
 GROUP = 64  # axes that share a sub-texel offset; also the runs that are even by themselves
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+_TURN = 0.137  # of a whole one: keeps the first axes away from the planes in which people model
 _PLASTIC = 1.324717957244746  # of R2, the sequence for offsets (M. Roberts, "Quasirandom sequences", 2018)
 _MOST_STRIDES = 400
 
@@ -43,7 +44,7 @@ def texel_offset(group: int) -> tuple[float, float]:
 def _lattice(index: NDArray[np.int64], count: int) -> Doubles:
     """Return the points number `index` (any shape) of the half sphere's lattice of `count`, (..., 3)."""
     z = (index + 0.5) / count
-    angle = 2.0 * np.pi * ((index * _GOLDEN) % 1.0)
+    angle = 2.0 * np.pi * ((index * _GOLDEN + _TURN) % 1.0)
     ring = np.sqrt(1.0 - z * z)
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=-1)
 

@@ -6,12 +6,14 @@
 
 #include "octahedral.glsl"
 
+const float SNAP = 1.0 / 128.0;  // map texels by which rounding of vertices may move an occluder sideways
+
 layout(local_size_x = LOCAL_SIZE) in;
 
 // Per axis: map x, map y, depth; (pitch x, pitch y, tolerance, tolerance per distance); first map texel of the tile.
 // A uniform block, not a storage buffer: llvmpipe reads the latter lane by lane.
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
-layout(std430, binding = 1) readonly buffer Points { vec4 points[]; };  // position, packed shading normal
+layout(std430, binding = 1) readonly buffer Points { uvec4 points[]; };  // bits of the position, packed shading normal
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
 layout(std430, binding = 3) readonly buffer Normals { float face_normals[]; };
 layout(std430, binding = 4) buffer Sums { vec2 sums[]; };               // visible weight, whole weight
@@ -24,8 +26,8 @@ void main() {
     uint texel = gl_GlobalInvocationID.x;
     if (texel >= texel_count || faces[texel] == NO_FACE) return;
 
-    vec4 point = vec4(points[texel].xyz, 1.0);
-    vec3 n = unpackUnit(floatBitsToUint(points[texel].w));
+    vec4 point = vec4(uintBitsToFloat(points[texel].xyz), 1.0);
+    vec3 n = unpackUnit(points[texel].w);
     uint face = 3u * faces[texel];
     vec3 g = vec3(face_normals[face], face_normals[face + 1u], face_normals[face + 2u]);
 
@@ -44,7 +46,7 @@ void main() {
         vec2 aside = (cell + 0.5 - map) * scale.xy;
         vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * scale.xy;
         float rise = dot(slope, aside) + g_along * (depth - dot(along, point));
-        float tolerance = scale.z + scale.w * abs(g_along) * length(aside);
+        float tolerance = scale.z + dot(abs(slope), scale.xy) * SNAP + scale.w * abs(g_along) * length(aside);
 
         sum += vec2(rise <= tolerance ? weight : 0.0, weight);
     }

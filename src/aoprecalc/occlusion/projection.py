@@ -25,12 +25,16 @@ class Projections:
 
 
 def extreme_points(positions: Doubles) -> Doubles:
-    """Return the corners of the convex hull of (v, 3) positions, or all of them where they have no volume."""
-    try:
-        corners: Doubles = positions[ConvexHull(positions).vertices]
-    except QhullError:  # flat, or fewer than four points
-        return positions
-    return corners
+    """Return the corners of the convex hull of (v, 3) positions, flat ones in their plane; of a line its two ends."""
+    principal = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2]
+    for dimensions in (3, 2):
+        try:
+            corners: Doubles = positions[ConvexHull(positions @ principal[:dimensions].T).vertices]
+        except (QhullError, ValueError):  # no volume or no area, or too few points for any
+            continue
+        return corners
+    along = positions @ principal[0]
+    return positions[[along.argmin(), along.argmax()]]
 
 
 def project(axes: Doubles, outline: Doubles, size: int) -> Projections:

@@ -9,7 +9,7 @@ layout(std430, binding = 1) readonly buffer Corners { uint corners[]; };        
 layout(std430, binding = 2) readonly buffer CornerNormals { float normals[]; };     // f * 9
 layout(std430, binding = 3) readonly buffer FaceNormals { float face_normals[]; };  // f * 3
 layout(std430, binding = 4) readonly buffer Index { uint index[]; };                // covered texels, in the whole picture
-layout(std430, binding = 5) writeonly buffer Points { vec4 points[]; };
+layout(std430, binding = 5) writeonly buffer Points { uvec4 points[]; };
 layout(std430, binding = 6) writeonly buffer Faces { uint faces[]; };
 layout(std430, binding = 7) writeonly buffer Sums { vec2 sums[]; };
 
@@ -49,5 +49,5 @@ void main() {
     vec3 g = vec3(face_normals[corner], face_normals[corner + 1u], face_normals[corner + 2u]);
     if (dot(n, g) <= 0.0) n = g;  // a shading normal that leaves the surface's own side says nothing
     faces[texel] = face;
-    points[texel] = vec4(p, uintBitsToFloat(packUnit(n)));
+    points[texel] = uvec4(floatBitsToUint(p), packUnit(n));
 }

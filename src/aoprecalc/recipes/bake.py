@@ -7,16 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.atlas.choose import choose_atlas
+from aoprecalc.atlas.choose import MOST_OVERLAP, choose_atlas
 from aoprecalc.atlas.gutter import first_unsafe_mip
 from aoprecalc.atlas.unwrap import faces_with_area
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.errors import InputError, RendererError, UsageError
 from aoprecalc.files import (
     Outputs,
     check_mesh_suffix,
     choose_depth,
     load_scene,
     mesh_suffix,
+    source_files,
     write_baked_mesh,
     write_image,
 )
@@ -70,23 +71,27 @@ def bake(
     texture_path = output_place(output, f"{mesh.stem}_ao.png")
     choose_depth(texture_path, options.bit_depth)
     with Outputs() as outputs:
-        claim(outputs, mesh, output, texture_path)
+        outputs.protect([mesh])
+        claim(outputs, output, texture_path)
         with watch.stage("load"):
             scene = load_scene(mesh)
+        outputs.protect(source_files(scene))
         suffix, reason = mesh_suffix(scene)
         mesh_path = output_place(mesh_output, texture_path.parent / f"{mesh.stem}_ao{suffix}")
         check_mesh_suffix(mesh_path)
-        claim(outputs, mesh, mesh_output, mesh_path)
-        if report is not None:
-            claim(outputs, mesh, None, Path(report))
+        claim(outputs, mesh_output, mesh_path)
+        report_path = None if report is None else output_place(report, f"{mesh.stem}_report.json")
+        if report_path is not None:
+            claim(outputs, report, report_path)
         baked = bake_scene(scene, options, progress, watch)
         with watch.stage("write"):
             write_image(outputs.path(texture_path), baked.texture.values, options.bit_depth)
             notes = write_baked_mesh(outputs, mesh_path, scene, baked.atlas, baked.normals, texture_path)
         warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
-        document = bake_report(scene, baked, options, texture_path, mesh_path, watch.seconds(), warnings)
-        if report is not None:
-            write_report(outputs.path(report), document)
+        places = {"texture": texture_path, "mesh": mesh_path}
+        document = bake_report(scene, baked, options, places, outputs.files, watch.seconds(), warnings)
+        if report_path is not None:
+            write_report(outputs.path(report_path), document)
     for line in warnings:
         progress.warn(line)
     return BakeResult(texture_path, mesh_path, baked, document)
@@ -107,35 +112,48 @@ def bake_scene(
         _check_sizes(renderer, options)
         with watch.stage("unwrap"):
             atlas = choose_atlas(renderer.context, scene, options, progress)
-        progress.note(_describe(atlas))
+        progress.note(_describe(atlas, options.padding))
         raster = Raster(renderer.context, lay_out(scene, atlas, options.width, options.height))
         texels, bands = raster.coverage()
+        if not len(texels):
+            size = f"{options.width} x {options.height}"
+            raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
+        overlap = raster.overlap()
         directions = axes(options.directions, options.sampling, options.seed)
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels))
         with watch.stage("visibility", 2 * len(directions), "directions"):
             sums = visibility_sums(renderer, scene, normals, raster, texels, bands, directions, shadow_size, progress)
-        name = renderer.name
+        if renderer.context.error != "GL_NO_ERROR":
+            raise RendererError(
+                f"{renderer.name} reported an error while rendering; use smaller sizes or another driver"
+            )
     values, measured = estimate(sums, 2 * len(directions), options.estimator)
     if not measured.any():
-        raise InputError(
-            f"{scene.path}: its surface covers none of {options.width} x {options.height} texels; use a larger --size"
+        raise UsageError(
+            f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
         )
     texture = finish(texels, values, measured, options.padding, options.fill, wraps=atlas.wraps)
     warnings = []
     if 2 * len(directions) != options.directions:
         asked = f"{options.directions} were asked for"
         warnings.append(f"{2 * len(directions)} directions were used, as they come in pairs; {asked}")
+    if overlap > MOST_OVERLAP:
+        warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
     left_out = np.count_nonzero(faces_with_area(scene) & ~atlas.covers)
     if left_out:
         warnings.append(
             f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
         )
-    if atlas.gutter is not None and first_unsafe_mip(atlas.gutter) == 1 and options.padding > atlas.gutter:
+    if (
+        atlas.gutter is not None
+        and atlas.gutter < options.padding
+        and first_unsafe_mip(atlas.gutter, options.padding) == 1
+    ):
         warnings.append(
-            f"{atlas.charts} charts leave room for gutters of {atlas.gutter} texels only; they may mix from mip level "
-            "1 on; a larger --size has more room"
+            f"with {atlas.charts} charts there is room for gutters of {atlas.gutter} texels only; charts may mix from "
+            "mip level 1 on; a larger --size has more room"
         )
-    return Baked(texture, atlas, normals, 2 * len(directions), shadow_size, name, tuple(warnings))
+    return Baked(texture, atlas, normals, 2 * len(directions), shadow_size, renderer.name, tuple(warnings))
 
 
 def _check_sizes(renderer: Renderer, options: BakeOptions) -> None:
@@ -145,9 +163,10 @@ def _check_sizes(renderer: Renderer, options: BakeOptions) -> None:
             raise UsageError(f"{name} {size} is beyond this renderer ({renderer.name}); expected at most {limit}")
 
 
-def _describe(atlas: Atlas) -> str:
+def _describe(atlas: Atlas, padding: int) -> str:
     charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
     if atlas.method == "keep":
         return f"unwrap: the file's own UVs, {charts}"
-    right = first_unsafe_mip(atlas.gutter or 0) - 1
-    return f"unwrap: new UVs by {atlas.method}, {charts}, gutters of {atlas.gutter} texels: right to mip level {right}"
+    right = first_unsafe_mip(atlas.gutter or 0, padding) - 1
+    gutters = f"gutters of {atlas.gutter} texels: no charts mix up to mip level {right}"
+    return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"

@@ -18,8 +18,8 @@ def bake_report(
     scene: Scene,
     baked: Baked,
     options: BakeOptions,
-    texture_path: Path,
-    mesh_path: Path,
+    places: dict[str, Path],
+    files: list[Path],
     seconds: dict[str, float],
     warnings: tuple[str, ...],
 ) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def bake_report(
             "components": shape.components,
             "watertight": shape.watertight,
         },
-        "outputs": {"texture": str(texture_path), "mesh": str(mesh_path)},
+        "outputs": {**{name: str(path) for name, path in places.items()}, "others": _others(places, files)},
         "renderer": baked.renderer,
         "backend": "gl",
         "directions": baked.directions,
@@ -49,7 +49,7 @@ def bake_report(
             "charts": atlas.charts,
             "used_share": round(float(np.count_nonzero(texture.valid)) / texture.valid.size, 4),
             "gutter": atlas.gutter,
-            "first_unsafe_mip": None if atlas.gutter is None else first_unsafe_mip(atlas.gutter),
+            "first_unsafe_mip": None if atlas.gutter is None else first_unsafe_mip(atlas.gutter, options.padding),
         },
         "texels": {"width": options.width, "height": options.height, "valid": int(np.count_nonzero(texture.valid))},
         "ao": {
@@ -60,3 +60,10 @@ def bake_report(
         "seconds": seconds,
         "warnings": list(warnings),
     }
+
+
+def _others(places: dict[str, Path], files: list[Path]) -> list[str]:
+    """Return the files beside the named places that go with them (.mtl, .bin, images), as they were named."""
+    named = {path.resolve() for path in places.values()}
+    folder = places["mesh"].parent
+    return sorted(str(folder / file.name) for file in files if file not in named)

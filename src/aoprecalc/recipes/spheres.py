@@ -4,24 +4,22 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from aoprecalc.files import Outputs, load_scene
+from aoprecalc.files import Outputs, load_scene, source_files
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.sphere_sets import check_kind, write_sphere_set
 from aoprecalc.model import SphereSet
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.recipes.stopwatch import Stopwatch
 from aoprecalc.spheres import Quality, fit
 
 
 @dataclass(frozen=True, eq=False)
 class SpheresResult:
-    """Where the spheres were written, the spheres, what was measured about them, and the seconds of each stage."""
+    """Where the spheres were written, the spheres, and what was measured about them."""
 
     path: Path
     spheres: SphereSet
     quality: Quality
-    seconds: dict[str, float]
 
 
 def fit_spheres(
@@ -38,15 +36,16 @@ def fit_spheres(
     """
     options, progress = options or SphereOptions(), progress or Progress()
     mesh = Path(mesh)
-    watch = Stopwatch(progress)
     path = output_place(output, f"{mesh.stem}_spheres.json")
     check_kind(path)
     with Outputs() as outputs:
-        claim(outputs, mesh, output, path)
-        with watch.stage("load"):
+        outputs.protect([mesh])
+        claim(outputs, output, path)
+        with progress.stage("load"):
             scene = load_scene(mesh)
+        outputs.protect(source_files(scene))
         spheres, quality = fit(scene, options, progress)
         write_sphere_set(outputs.path(path), spheres, quality)
     for line in scene.warnings:
         progress.warn(line)
-    return SpheresResult(path, spheres, quality, watch.seconds())
+    return SpheresResult(path, spheres, quality)

@@ -5,7 +5,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from aoprecalc.errors import InputError
-from aoprecalc.model import Doubles, Floats, Ints, Scene
+from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.options import Normals
 
 _SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
@@ -35,7 +35,9 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
     if mode == "flat":
         return own.astype(np.float32)
     angle = crease_angle if crease_angle is not None else _STL_ANGLE if scene.kind == "stl" else _SMOOTH_ANGLE
-    fans = scene.faces if angle >= _SMOOTH_ANGLE else _smooth_fans(scene.faces, _unit(areas), angle)
+    fans = (
+        scene.faces if angle >= _SMOOTH_ANGLE else _smooth_fans(scene.faces, _unit(areas, empty=(0.0, 0.0, 0.0)), angle)
+    )
     sums: Doubles = np.column_stack([np.bincount(fans.ravel(), np.repeat(areas[:, axis], 3)) for axis in range(3)])
     # Where opposite faces cancel there is no mean: each keeps its own.
     cancelled = np.linalg.norm(sums, axis=1) <= 1e-9 * np.bincount(
@@ -76,7 +78,10 @@ def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
     shared = ids[first] == ids[second]
     first, second = first[shared], second[shared]
     cosine = np.einsum("ex,ex->e", normals[first // 3], normals[second // 3])
-    gentle = cosine >= np.cos(np.radians(angle)) - 1e-9
+    no_area: Mask = (
+        np.linalg.norm(normals, axis=1) == 0
+    )  # has no direction to bend from: its neighbours are joined through it
+    gentle = (cosine >= np.cos(np.radians(angle)) - 1e-9) | no_area[first // 3] | no_area[second // 3]
     first, second = first[gentle], second[gentle]
     joined_from, joined_to = [], []
     for end in (0, 1):

@@ -8,16 +8,19 @@ uniform vec2 size;    // texels of the band
 
 in vec2 in_start;
 in vec2 in_end;
+in vec2 in_apex;
 in float in_face;
 in float in_corner;
 flat out vec2 start;
 flat out vec2 end;
+flat out vec2 apex;
 flat out float face;
 flat out int corner;
 
 void main() {
     start = in_start;
     end = in_end;
+    apex = in_apex;
     face = in_face;
     corner = int(in_corner);
     vec2 along = end - start;

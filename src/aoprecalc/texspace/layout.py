@@ -7,7 +7,7 @@ import numpy as np
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import edge_ids
 
-_MOST_TILES = 4  # a face that spans more repeats of the texture than this is drawn in the first ones only
+MOST_TILES = 4  # repeats of the texture that a face may span; more are not drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class Layout:
 
     triangles      (m, 3, 2) float32; a face that crosses the border of a repeating texture is here once for each tile
     faces          (m,) int32: the face of each triangle
-    borders        (e, 2, 2) float32: the edges at which charts end
+    borders        (e, 3, 2) float32: the edges at which charts end, from and to, and the third corner of their faces
     border_faces   (e,) int32: the face of each border
     border_corners (e,) int32 in 0..2: the border runs from this corner of its face to the next one
     """
@@ -40,15 +40,15 @@ def lay_out(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
         faces, is_border = faces[source], is_border[source]
     triangles = (uvs * (width, -height) + (0.0, height)).astype(np.float32)
     face, corner = np.nonzero(is_border)
-    borders = np.stack([triangles[face, corner], triangles[face, (corner + 1) % 3]], axis=1)
+    borders = np.stack([triangles[face, (corner + along) % 3] for along in range(3)], axis=1)
     return Layout(width, height, triangles, faces, borders, faces[face], corner.astype(np.int32))
 
 
 def corner_ids(faces: Ints, uvs: Doubles) -> Ints:
     """Number corners, (f, 3) int32, so that two agree where both their position and their UV agree."""
-    place = np.round(uvs * 2.0**24).astype(np.int64).reshape(-1, 2)
-    place -= place.min(axis=0)
-    uv_ids = np.unique(place[:, 0] * (place[:, 1].max() + 1) + place[:, 1], return_inverse=True)[1]
+    flat = uvs.reshape(-1, 2) - uvs.min(axis=(0, 1))
+    place = np.round(flat * (2.0**30 / max(1.0, flat.max()))).astype(np.int64)  # two of them fit one number
+    uv_ids = np.unique(place[:, 0] << 31 | place[:, 1], return_inverse=True)[1]
     both = faces.ravel().astype(np.int64) * (uv_ids.max() + 1) + uv_ids
     ids: Ints = np.unique(both, return_inverse=True)[1].astype(np.int32).reshape(-1, 3)
     return ids
@@ -64,10 +64,10 @@ def _borders(corners: Ints) -> Mask:
 def _wrap(uvs: Doubles) -> tuple[Doubles, Ints]:
     """Move every triangle into the unit square, once for each tile that it reaches; also returns which one each was."""
     based = uvs - np.floor(uvs.min(axis=1, keepdims=True))
-    reach = np.minimum(np.ceil(based.max(axis=1)), _MOST_TILES)
+    reach = np.minimum(np.ceil(based.max(axis=1)), MOST_TILES)
     placed, source = [based], [np.arange(len(uvs))]
-    for tile_u in range(_MOST_TILES):
-        for tile_v in range(_MOST_TILES):
+    for tile_u in range(MOST_TILES):
+        for tile_v in range(MOST_TILES):
             if tile_u == tile_v == 0:
                 continue
             reaches = np.flatnonzero((reach[:, 0] > tile_u) & (reach[:, 1] > tile_v))

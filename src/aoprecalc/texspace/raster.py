@@ -59,7 +59,7 @@ class Raster:
 
         faces = layout.faces.astype(np.float32)
         corners = np.repeat(np.column_stack([layout.triangles.reshape(-1, 6), faces]), 3, axis=0)
-        borders = np.column_stack([layout.borders.reshape(-1, 4), layout.border_faces, layout.border_corners])
+        borders = np.column_stack([layout.borders.reshape(-1, 6), layout.border_faces, layout.border_corners])
         self._corners = context.buffer(np.ascontiguousarray(corners, np.float32))
         self._borders = context.buffer(np.ascontiguousarray(borders, np.float32)) if len(borders) else None
         self._triangles = context.vertex_array(
@@ -67,7 +67,7 @@ class Raster:
         )
         self._counted = context.vertex_array(self._count, [(self._corners, "2f 2f 2f 4x", "in_a", "in_b", "in_c")])
         self._edges = self._borders and context.vertex_array(
-            self._edge, [(self._borders, "2f 2f 1f 1f /i", "in_start", "in_end", "in_face", "in_corner")]
+            self._edge, [(self._borders, "2f 2f 2f 1f 1f /i", "in_start", "in_end", "in_apex", "in_face", "in_corner")]
         )
 
     def coverage(self) -> tuple[Texels, list[Band]]:

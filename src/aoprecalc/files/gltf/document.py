@@ -35,6 +35,11 @@ class GltfDocument:
     json: Json
     buffers: tuple[bytes, ...]
 
+    def files(self) -> list[Path]:
+        """Return the files that its buffers and images refer to, there or not."""
+        uris = [entry["uri"] for kind in ("buffers", "images") for entry in self.json.get(kind, []) if "uri" in entry]
+        return [file for uri in uris if (file := local_file(self.path, uri)) is not None]
+
     def entry(self, kind: str, index: int) -> Json:
         """Return entry `index` of the document's array `kind`; raises InputError where there is none."""
         entries = self.json.get(kind, [])

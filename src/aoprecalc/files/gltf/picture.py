@@ -74,7 +74,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
             continue
         if not embed:
             if file not in copies:
-                copies[file] = _free_name(outputs, path, file.name)
+                copies[file] = _free_name(outputs, path, file.name, data)
                 outputs.path(path.parent / copies[file]).write_bytes(data)
             image["uri"] = quote(copies[file])
         elif mime_type := _mime_type(data):
@@ -84,7 +84,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
             warnings.append(f"{path}: a GLB cannot hold the image {image['uri'][:60]!a}; it is referred to by its path")
             image["uri"] = relative_uri(file, path)
     if missing:
-        warnings.append(f"{len(missing)} images cannot be read and are missing from the result: {', '.join(missing)!a}")
+        warnings.append(f"{len(missing)} images cannot be read and are missing from the result: {', '.join(missing)}")
     return tuple(warnings)
 
 
@@ -99,12 +99,16 @@ def _as_png(picture: Path) -> bytes:
         return copy.read_bytes()
 
 
-def _free_name(outputs: Outputs, path: Path, name: str) -> str:
-    """Return the name, with a number before its extension if another output beside `path` has it already."""
+def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
+    """Return the name, with a number before its extension if beside `path` it is another output's or another file's."""
     file = path.parent / name
     names = chain([file], (file.with_name(f"{file.stem}_{number}{file.suffix}") for number in count(1)))
     own = (path, path.with_suffix(".bin"))
-    return next(free.name for free in names if free not in own and outputs.written(free) == free)
+    return next(
+        free.name
+        for free in names
+        if free not in own and outputs.written(free) == free and (not free.exists() or free.read_bytes() == data)
+    )
 
 
 def _append(document: Json, kind: str, entry: Json) -> int:

@@ -34,9 +34,10 @@ class Section:
 
 @dataclass(frozen=True)
 class ObjDocument:
-    """What an OBJ holds beside its faces: its materials by name."""
+    """What an OBJ holds beside its faces: its materials by name, and the MTL files that they were looked for in."""
 
     materials: dict[str, Material]
+    libraries: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ def read_obj(path: Path, data: bytes) -> Scene:
         pieces.append(Piece(section.name, positions, position, _look_up(normals, normal), _look_up(uvs, uv), section))
     if not pieces:
         pieces = [Piece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
-    document = ObjDocument(read_materials(path.parent, lines.libraries))
+    libraries = tuple(path.parent / library for library in lines.libraries)
+    document = ObjDocument(read_materials(path.parent, lines.libraries), libraries)
     return build_scene(path, "obj", pieces, document, warnings)
 
 
