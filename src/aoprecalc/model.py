@@ -74,7 +74,7 @@ class Atlas:
 
     method     keep, xatlas or uvunwrap
     uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `wraps`
-    covers     (f,) bool: faces that have a place in the texture (the others have no area)
+    covers     (f,) bool: faces that have a place in the texture (not those without area, nor what an unwrapper left out)
     charts     how many connected islands there are
     wraps      some uvs lie outside [0, 1]: the texture repeats
     gutter     texels kept free between charts when they were packed; None for UVs that were kept
@@ -108,7 +108,7 @@ class Texels:
 class Texture:
     """A finished picture of ambient occlusion.
 
-    values   (height, width) float32 in [0, 1], 1 = open; every texel has a value
+    values   (height, width) float32 in [0, 1], 1 = open; 0 where nothing was measured, padded or filled
     valid    (height, width) bool: texels that the surface covers and whose value was measured
     """
 

@@ -34,7 +34,7 @@ def test_a_convex_body_is_one_everywhere(shape, normals):
 
 def test_the_inside_of_a_closed_sphere_is_zero():
     positions, faces = ball(4)
-    assert values(scene(positions, faces[:, ::-1]), shadow_size=1024).max() <= ONE_STEP
+    assert values(scene(positions, faces[:, ::-1])).max() <= ONE_STEP
 
 
 def test_a_floor_beside_a_long_wall():

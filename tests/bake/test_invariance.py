@@ -1,12 +1,14 @@
 """What must not change a bake: where the mesh is, how large, how turned, mirrored, batched, or baked before."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.occlusion import near_far
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
+from aoprecalc.recipes import bake_scene, baking
 from aoprecalc.texspace import raster
 from shapes import ball, join, quad, quad_uvs, scene, torus
 
@@ -92,8 +94,17 @@ def test_more_directions_come_closer():
     assert errors[1] > 1.5 * errors[2]
 
 
-def test_nothing_is_left_on_the_renderer():
-    with open_renderer() as renderer:
-        context = renderer.context
-        assert context.error == "GL_NO_ERROR"
-    assert len(context.objects) == 0
+def test_nothing_is_left_on_the_renderer(monkeypatch):
+    opened = []
+
+    @contextmanager
+    def watched(threads=0):
+        with open_renderer(threads) as renderer:
+            yield renderer
+            assert renderer.context.error == "GL_NO_ERROR"
+            opened.append(renderer.context)
+        assert len(renderer.context.objects) == 0
+
+    monkeypatch.setattr(baking, "open_renderer", watched)
+    bake(*still_life())
+    assert len(opened) == 1

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 import moderngl
 import numpy as np
 
+from aoprecalc.atlas.gutter import doubled_areas
 from aoprecalc.atlas.unwrap import faces_with_area, unwrap
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.model import Atlas, Scene
@@ -44,10 +45,8 @@ def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tu
     solid = faces_with_area(scene)
     if not solid.any():
         raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to bake")
-    sides = np.roll(scene.uvs, -1, axis=1) - scene.uvs
-    doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    flat = solid & (doubled <= 1e-9 * np.maximum(longest**2, 1e-9))
+    longest = np.linalg.norm(np.roll(scene.uvs, -1, axis=1) - scene.uvs, axis=2).max(axis=1)
+    flat = solid & (doubled_areas(scene.uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))
     if flat.any():
         return None, f"{np.count_nonzero(flat)} faces with area have no area in UV space"
     wraps = bool(scene.uvs[solid].min() < 0 or scene.uvs[solid].max() > 1)

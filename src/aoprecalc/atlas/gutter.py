@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from aoprecalc.model import Doubles, Ints
-from aoprecalc.surface.normals import edge_ids
+from aoprecalc.surface.topology import borders
 
 LEAST = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution
 _MOST_SHARE = 1.0 / 3.0  # of the atlas
@@ -27,7 +27,7 @@ def choose_gutter(area: float, outline: float, size: int, padding: int) -> int:
 def first_unsafe_mip(gutter: int, padding: int) -> int:
     """Return the first mip level at which filtering may mix charts, or a chart with what is not its own.
 
-    Level k needs about 1.5 * 2**k texels a side: half the gutter, or the padding if that is less. One will do for level 0.
+    Level k needs about 1.5 * 2**k texels a side, of half the gutter and of the padding; one will do for level 0.
     """
     if padding == 0:
         return 0
@@ -39,11 +39,15 @@ def first_unsafe_mip(gutter: int, padding: int) -> int:
 
 def chart_size(uvs: Doubles, corners: Ints) -> tuple[float, float]:
     """Return the area and the outline's length of all charts, for (f, 3, 2) UVs and (f, 3) corner numbers."""
-    sides = np.roll(uvs, -1, axis=1) - uvs
-    area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum()
-    ids = edge_ids(corners)
-    outer = (np.bincount(ids)[ids] == 1).reshape(-1, 3)
-    return float(area), float(np.linalg.norm(sides, axis=2)[outer].sum())
+    lengths = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2)
+    return float(0.5 * doubled_areas(uvs).sum()), float(lengths[borders(corners)].sum())
+
+
+def doubled_areas(uvs: Doubles) -> Doubles:
+    """Return twice the area of each of (f, 3, 2) triangles, (f,)."""
+    side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
+    areas: Doubles = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])
+    return areas
 
 
 def fitting_scale(area: float, outline: float, size: int, gutter: int) -> float:

@@ -16,7 +16,7 @@ _SOME_AXES = 128
 
 
 def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int) -> int:
-    """Return the side of a map, 512 to 2048, at which its texel is smaller than one of the `texels` on the surface.
+    """Return the side of a map, 512 to 2048, whose texels are somewhat finer than the `texels` of the surface.
 
     What counts is the longer side of a map, in the mean over all axes.
     """

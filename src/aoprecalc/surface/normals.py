@@ -7,6 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from aoprecalc.errors import InputError
 from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.options import Normals
+from aoprecalc.surface.topology import edge_ids
 
 _SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
 _STL_ANGLE = 40.0  # STL knows no smoothness; above this angle an edge was probably meant
@@ -57,21 +58,9 @@ def geometric_normals(scene: Scene, shading: Floats) -> Floats:
     return np.where(opposed[:, None], -normals, normals).astype(np.float32)
 
 
-def edges_of(faces: Ints) -> Ints:
-    """Return the edges of (f, 3) faces as sorted pairs, (f * 3, 2): edge c of a face runs from corner c to c + 1."""
-    return np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-
-
-def edge_ids(faces: Ints) -> Ints:
-    """Return a number for each edge of (f, 3) faces, (f * 3,), equal where two faces share the edge."""
-    edges = edges_of(faces).astype(np.int64)
-    ids = np.unique(edges[:, 0] * (faces.max() + 1) + edges[:, 1], return_inverse=True)[1]
-    return ids.astype(np.int32)
-
-
 def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
     """Number the corners, (f, 3), so that those joined around a position over edges that bend at most `angle` agree."""
-    ids = edge_ids(faces)
+    ids = edge_ids(faces).ravel()
     order = np.argsort(ids, kind="stable")
     first, second = order[:-1], order[1:]
     # An edge of more than two faces joins its neighbours in this order; a pair is enough to connect them.

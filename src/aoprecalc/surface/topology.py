@@ -6,8 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from aoprecalc.model import Ints
-from aoprecalc.surface.normals import edge_ids
+from aoprecalc.model import Ints, Mask
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ def topology(faces: Ints) -> Topology:
     if not proper.any():
         return Topology(components=0, watertight=False)
     faces = faces[proper]
-    watertight = bool((np.bincount(edge_ids(faces)) == 2).all())
+    watertight = bool((np.bincount(edge_ids(faces).ravel()) == 2).all())
     return Topology(len(np.unique(islands(faces))), watertight)
 
 
@@ -37,3 +36,20 @@ def islands(corners: Ints) -> Ints:
     labels = connected_components(graph, directed=False)[1]
     island: Ints = np.unique(labels[corners[:, 0]], return_inverse=True)[1].astype(np.int32)
     return island
+
+
+def edge_ids(corners: Ints) -> Ints:
+    """Return a number for each edge of (f, 3) corner numbers, (f, 3) int32, equal where two faces share the edge.
+
+    Edge c of a face runs from its corner c to the next.
+    """
+    ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).astype(np.int64)
+    ids = np.unique(ends[..., 0] * (corners.max() + 1) + ends[..., 1], return_inverse=True)[1]
+    return ids.astype(np.int32).reshape(-1, 3)
+
+
+def borders(corners: Ints) -> Mask:
+    """Return which edges, (f, 3), belong to one face alone."""
+    ids = edge_ids(corners)
+    alone: Mask = np.bincount(ids.ravel())[ids] == 1
+    return alone

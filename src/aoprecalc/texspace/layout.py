@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
-from aoprecalc.surface.normals import edge_ids
+from aoprecalc.model import Atlas, Doubles, Floats, Ints, Scene
+from aoprecalc.surface.topology import borders
 
 MOST_TILES = 4  # repeats of the texture that a face may span; more are not drawn
 
@@ -34,14 +34,14 @@ def lay_out(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
     """Place the faces that the atlas covers into a texture of width x height texels."""
     faces = np.flatnonzero(atlas.covers).astype(np.int32)
     uvs = atlas.uvs[faces]
-    is_border = _borders(corner_ids(scene.faces[faces], uvs)).reshape(-1, 3)
+    is_border = borders(corner_ids(scene.faces[faces], uvs))
     if atlas.wraps:
         uvs, source = _wrap(uvs)
         faces, is_border = faces[source], is_border[source]
     triangles = (uvs * (width, -height) + (0.0, height)).astype(np.float32)
     face, corner = np.nonzero(is_border)
-    borders = np.stack([triangles[face, (corner + along) % 3] for along in range(3)], axis=1)
-    return Layout(width, height, triangles, faces, borders, faces[face], corner.astype(np.int32))
+    border_places = np.stack([triangles[face, (corner + along) % 3] for along in range(3)], axis=1)
+    return Layout(width, height, triangles, faces, border_places, faces[face], corner.astype(np.int32))
 
 
 def corner_ids(faces: Ints, uvs: Doubles) -> Ints:
@@ -52,13 +52,6 @@ def corner_ids(faces: Ints, uvs: Doubles) -> Ints:
     both = faces.ravel().astype(np.int64) * (uv_ids.max() + 1) + uv_ids
     ids: Ints = np.unique(both, return_inverse=True)[1].astype(np.int32).reshape(-1, 3)
     return ids
-
-
-def _borders(corners: Ints) -> Mask:
-    """Return which edges, (f * 3,), belong to one face alone."""
-    ids = edge_ids(corners)
-    alone: Mask = np.bincount(ids)[ids] == 1
-    return alone
 
 
 def _wrap(uvs: Doubles) -> tuple[Doubles, Ints]:

@@ -45,7 +45,7 @@ class Raster:
     """
 
     def __init__(self, context: moderngl.Context, layout: Layout) -> None:
-        """Upload the layout; the context stays in use until `release`."""
+        """Upload the layout; what is made lives as long as the context."""
         self.layout = layout
         self._context = context
         self._band_rows = min(layout.height, max(1, _BAND_TEXELS // layout.width))

@@ -84,7 +84,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
             warnings.append(f"{path}: a GLB cannot hold the image {image['uri'][:60]!a}; it is referred to by its path")
             image["uri"] = relative_uri(file, path)
     if missing:
-        warnings.append(f"{len(missing)} images cannot be read and are missing from the result: {', '.join(missing)}")
+        warnings.append(f"{len(missing)} images cannot be read and are missing from the result: {', '.join(missing)!a}")
     return tuple(warnings)
 
 
