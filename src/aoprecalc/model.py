@@ -74,7 +74,7 @@ class Atlas:
 
     method     keep, xatlas or uvunwrap
     uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `wraps`
-    covers     (f,) bool: faces that have a place in the texture (not those without area, nor what an unwrapper left out)
+    covers     (f,) bool: faces that have a place in the texture; those without area have none
     charts     how many connected islands there are
     wraps      some uvs lie outside [0, 1]: the texture repeats
     gutter     texels kept free between charts when they were packed; None for UVs that were kept
