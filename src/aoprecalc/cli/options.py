@@ -20,11 +20,17 @@ def option(*names: str, of: type, field: str, help: str, type: Any = None) -> Ca
     if type is None and choices:
         type = click.Choice(choices)
     elif type is None:
-        low, high = RANGES[field]
-        type = click.FloatRange(low, high) if float in (hint, *get_args(hint)) else click.IntRange(int(low), int(high))
+        type = _number(field, whole=float not in (hint, *get_args(hint)))
     metavar = None if choices else "DEG" if field.endswith("angle") else "N"
     shown = default is not None
     return click.option(*names, field, default=default, show_default=shown, type=type, metavar=metavar, help=help)
+
+
+def _number(field: str, *, whole: bool) -> click.IntRange | click.FloatRange:
+    """Return the type of a number in its field's range; click says its name where the text is none."""
+    kind = click.IntRange(*RANGES[field]) if whole else click.FloatRange(*RANGES[field])
+    kind.name = "whole number" if whole else "number"
+    return kind
 
 
 def common(command: Command) -> Command:
@@ -32,7 +38,7 @@ def common(command: Command) -> Command:
     for add in (
         click.option("-v", "--verbose", is_flag=True, help="Say more: seconds a stage, and tracebacks of errors."),
         click.option("-q", "--quiet", is_flag=True, help="Print nothing but results and errors."),
-        click.option("--json", "as_json", is_flag=True, help="Print the report as JSON on standard output."),
+        click.option("--json", "as_json", is_flag=True, help="Print the result's JSON on standard output."),
     ):
         command = add(command)
     return command

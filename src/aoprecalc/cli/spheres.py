@@ -41,4 +41,5 @@ def spheres(mesh: str, **given: Any) -> None:
         return
     found = result.spheres
     state = "converged" if found.converged else "not converged"
-    click.echo(f"{result.path}  {len(found)} spheres, {state} after {found.iterations} iterations")
+    count = f"{len(found)} sphere{'s' if len(found) > 1 else ''}"
+    click.echo(f"{result.path}  {count}, {state} after {found.iterations} iterations")
