@@ -4,7 +4,7 @@ Standard library only, so that `aoprecalc --help` is instant.
 """
 
 from dataclasses import dataclass, fields
-from typing import Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_type_hints
 
 from aoprecalc.errors import UsageError
 
@@ -40,10 +40,10 @@ _NAMES = {"width": "size", "height": "size"}
 LARGE_MESH = 30_000
 
 
-def _check(options: object) -> None:
+def _check(options: Any) -> None:
     """Hold every field to its range or its choices; raises UsageError."""
     hints = get_type_hints(type(options))
-    for field in fields(options):  # type: ignore[arg-type]
+    for field in fields(options):
         value, hint = getattr(options, field.name), hints[field.name]
         name = f"--{_NAMES.get(field.name, field.name).replace('_', '-')}"
         choices = [choice for choice in get_args(hint) if isinstance(choice, str)]

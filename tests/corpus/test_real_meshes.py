@@ -1,0 +1,37 @@
+"""Whole bakes of real meshes: beside a map that others ray-traced, and without specks at chart borders."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aoprecalc.files import load_scene, read_image
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
+
+MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
+needs_meshes = pytest.mark.skipif(not MESHES.is_dir(), reason="the folder shared/meshes is not beside the repository")
+
+
+@needs_meshes
+def test_the_ogre_agrees_with_its_authored_map():
+    texture = bake_scene(load_scene(MESHES / "jerry_ogre/bs_rest.obj"), BakeOptions(512, 512, directions=256)).texture
+    authored = read_image(MESHES / "jerry_ogre/ao_rest.png").reshape(512, 2, 512, 2).mean(axis=(1, 3))
+    assert np.corrcoef(texture.values.ravel(), authored.ravel())[0, 1] > 0.99
+
+
+@needs_meshes
+@pytest.mark.parametrize("name", ["bigguy.obj", "spot.obj", "DamagedHelmet/DamagedHelmet.gltf"])
+def test_borders_have_no_specks(name):
+    """A texel at a chart's border is seldom brighter or darker than all of its covered neighbours by much."""
+    texture = bake_scene(load_scene(MESHES / name), BakeOptions(512, 512, directions=256)).texture
+    inner = texture.valid[1:-1, 1:-1]
+    shifts = [(row, column) for row in range(3) for column in range(3) if (row, column) != (1, 1)]
+    around = np.stack([texture.values[row : row + 510, column : column + 510] for row, column in shifts])
+    covered = np.stack([texture.valid[row : row + 510, column : column + 510] for row, column in shifts])
+    border = inner & ~covered.all(axis=0) & (covered.sum(axis=0) >= 3)
+    highest = np.where(covered, around, -1).max(axis=0)
+    lowest = np.where(covered, around, 2).min(axis=0)
+    values = texture.values[1:-1, 1:-1]
+    speck = border & ((values > highest + 0.1) | (values < lowest - 0.1))
+    assert speck.sum() < 0.01 * border.sum()
