@@ -6,11 +6,12 @@ import moderngl
 import numpy as np
 
 from aoprecalc.atlas.gutter import doubled_areas
-from aoprecalc.atlas.unwrap import faces_with_area, unwrap
+from aoprecalc.atlas.unwrap import unwrap
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.model import Atlas, Scene
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
+from aoprecalc.surface.normals import face_directions
 from aoprecalc.surface.topology import islands
 from aoprecalc.texspace.layout import MOST_TILES, corner_ids, lay_out
 from aoprecalc.texspace.raster import Raster
@@ -42,7 +43,7 @@ def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tu
     """Return the atlas of the file's own UVs, or None and why they cannot hold a bake."""
     if scene.uvs is None:
         return None, "there are none"
-    solid = faces_with_area(scene)
+    solid = face_directions(scene.corners)[1]
     if not solid.any():
         raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to bake")
     longest = np.linalg.norm(np.roll(scene.uvs, -1, axis=1) - scene.uvs, axis=2).max(axis=1)

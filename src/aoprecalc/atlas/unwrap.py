@@ -12,11 +12,13 @@ import numpy as np
 from aoprecalc.atlas.gutter import LEAST, chart_size, choose_gutter
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
-from aoprecalc.surface.normals import area_vectors
+from aoprecalc.surface.normals import face_directions
 
 LEAST_SIZE = 16  # texels
 _MANY_CHARTS = 1500  # above this, uvunwrap's fast packing: the better one takes longer than the bake
 _POLL = 0.05  # seconds
+_PACKINGS = 8  # tries at one page
+_THINNER = 0.85  # of the density that needed more pages
 
 
 def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, padding: int) -> Atlas:
@@ -28,7 +30,7 @@ def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, paddi
     """
     if size < LEAST_SIZE:
         raise UsageError(f"--size {size} has no room for charts and gutters; use at least {LEAST_SIZE}")
-    solid = faces_with_area(scene)
+    solid = face_directions(scene.corners)[1]
     if not solid.any():
         raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to unwrap")
     # Both unwrappers weigh lengths against constants; they are given about one unit.
@@ -40,17 +42,6 @@ def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, paddi
     everywhere[solid] = uvs
     solid[solid] = placed
     return Atlas(method, everywhere, solid, charts, gutter=gutter)
-
-
-def faces_with_area(scene: Scene) -> Mask:
-    """Return which faces, (f,), are more than a line or a point, as far as 32-bit coordinates can tell."""
-    corners = scene.corners
-    sides = np.roll(corners, -1, axis=1) - corners
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    doubled = np.linalg.norm(area_vectors(corners), axis=1)
-    extent = np.ptp(scene.positions, axis=0).max()
-    solid: Mask = doubled > 1e-7 * longest * np.maximum(longest, 1e-4 * extent)
-    return solid
 
 
 def _xatlas(positions: Floats, faces: Ints, size: int, padding: int) -> tuple[Doubles, Mask, int, int]:
@@ -89,22 +80,32 @@ def _run_uvunwrap(
     mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"]
 ) -> tuple[Doubles, Mask, Ints, int]:
     """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
+    density = None
+    for _ in range(_PACKINGS):
+        atlas = _pack_uvunwrap(mesh, size, gutter, packing, density)
+        if atlas.page_count == 1:
+            break
+        density = _THINNER * atlas.texels_per_unit
+    else:
+        raise AoprecalcError(f"the charts need {atlas.page_count} pages of {size} x {size} texels; use a larger --size")
+    page = atlas.meshes[0]
+    corners: Ints = np.array(page.indices, np.int32).reshape(-1, 3)
+    placed: Mask = (np.array(page.page)[corners] == 0).all(axis=1)
+    uvs = np.array(page.uv, np.float64).reshape(-1, 2)[corners] * (atlas.width / size, atlas.height / size)
+    return uvs, placed, corners, atlas.chart_count
+
+
+def _pack_uvunwrap(mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], density: float | None) -> Any:
+    """Return uvunwrap's atlas, of `density` texels a unit or what it thinks will fit; can be interrupted."""
     import uvunwrap
 
-    job = uvunwrap.start([mesh], page_size=size, padding=gutter, packing=packing)
+    job = uvunwrap.start([mesh], page_size=size, padding=gutter, packing=packing, texels_per_unit=density)
     try:
         while not job.done:
             time.sleep(_POLL)
-        atlas = job.result()
+        return job.result()
     except uvunwrap.UnwrapError as error:
         raise AoprecalcError(f"uvunwrap failed ({error}); try --unwrap xatlas") from error
     except KeyboardInterrupt:
         job.cancel()
         raise
-    page = atlas.meshes[0]
-    corners: Ints = np.array(page.indices, np.int32).reshape(-1, 3)
-    if atlas.page_count > 1:
-        raise AoprecalcError(f"the charts need {atlas.page_count} pages of {size} x {size} texels; use a larger --size")
-    placed: Mask = (np.array(page.page)[corners] == 0).all(axis=1)
-    uvs = np.array(page.uv, np.float64).reshape(-1, 2)[corners] * (atlas.width / size, atlas.height / size)
-    return uvs, placed, corners, atlas.chart_count

@@ -30,6 +30,8 @@ def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int
     _, corners, uvs = atlas.get_mesh(0)
     page, _ = atlas.get_mesh_vertex_assignment(0)
     placed: Mask = (page.astype(np.int32)[corners] >= 0).all(axis=1)
+    if not placed.any():
+        raise ValueError("every face is too thin for it; use a mesh without slivers")
     corners = np.ascontiguousarray(corners[placed])
     flat = uvs.astype(np.float64) * (atlas.width, atlas.height)
     area, outline = chart_size(flat[corners], corners.astype(np.int32))

@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError
 from aoprecalc.files.damage import check_indices
 from aoprecalc.files.distinct import distinct_rows
-from aoprecalc.model import Doubles, Floats, Mask, Part, Scene
+from aoprecalc.model import Doubles, Floats, Part, Scene
+from aoprecalc.surface.normals import face_directions
 
 # Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
 LARGEST_COORDINATE = 1e30
 
 # UVs beyond this have lost the digits that tell texels apart.
 LARGEST_UV = 1e5
-
-# Twice a face's area over its longest edge squared, below which it has no direction that doubles can tell.
-FLATTEST_FACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,7 @@ def build_scene(
     positions, faces = _weld(filled)
     _check_positions(path, positions)
     said = list(warnings)
-    face_normals, has_area = _face_normals(positions[faces])
+    face_normals, has_area = face_directions(positions[faces])
     if not has_area.any():
         raise InputError(
             f"{path}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
@@ -105,17 +103,6 @@ def _check_positions(path: Path, positions: Doubles) -> None:
         f"{path}: {np.count_nonzero(wrong)} of {len(positions)} positions are not finite numbers of a usable size, "
         f"such as ({example}); repair or export the model again"
     )
-
-
-def _face_normals(corners: Doubles) -> tuple[Doubles, Mask]:
-    """Return (f, 3) unit normals, those of faces without area being (0, 0, 1), and (f,) which faces have area."""
-    edges = np.roll(corners, -1, axis=1) - corners
-    longest = np.linalg.norm(edges, axis=2).max(axis=1, keepdims=True)
-    edges = edges / np.where(longest > 0, longest, 1)[:, :, None]
-    normals = np.cross(edges[:, 0], edges[:, 1])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    has_area = lengths[:, 0] > FLATTEST_FACE
-    return np.where(has_area[:, None], normals / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0)), has_area
 
 
 def _gather_normals(pieces: Sequence[Piece], face_normals: Doubles, said: list[str]) -> Floats | None:

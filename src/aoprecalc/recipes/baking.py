@@ -9,7 +9,6 @@ import numpy as np
 
 from aoprecalc.atlas.choose import MOST_OVERLAP, choose_atlas
 from aoprecalc.atlas.gutter import first_unsafe_mip
-from aoprecalc.atlas.unwrap import faces_with_area
 from aoprecalc.errors import InputError, RendererError, UsageError
 from aoprecalc.files import (
     Outputs,
@@ -33,7 +32,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.recipes.report import bake_report
 from aoprecalc.recipes.stopwatch import Stopwatch
-from aoprecalc.surface.normals import shading_normals
+from aoprecalc.surface.normals import face_directions, shading_normals
 from aoprecalc.texspace.finish import finish
 from aoprecalc.texspace.layout import lay_out
 from aoprecalc.texspace.raster import Raster
@@ -139,7 +138,7 @@ def bake_scene(
         warnings.append(f"{2 * len(directions)} directions were used, as they come in pairs; {asked}")
     if overlap > MOST_OVERLAP:
         warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
-    left_out = np.count_nonzero(faces_with_area(scene) & ~atlas.covers)
+    left_out = np.count_nonzero(face_directions(scene.corners)[1] & ~atlas.covers)
     if left_out:
         warnings.append(
             f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"

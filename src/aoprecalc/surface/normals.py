@@ -10,6 +10,8 @@ from aoprecalc.options import Normals
 from aoprecalc.surface.topology import edge_ids
 
 _SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
+# Twice a face's area over its longest edge squared, below which it has no direction that doubles can tell.
+_FLATTEST_FACE = 1e-12
 _STL_ANGLE = 40.0  # STL knows no smoothness; above this angle an edge was probably meant
 
 
@@ -17,6 +19,20 @@ def area_vectors(corners: Doubles) -> Doubles:
     """Return twice the area of each face times its unit normal, (f, 3), from (f, 3, 3) corners; follows the winding."""
     vectors: Doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return vectors
+
+
+def face_directions(corners: Doubles) -> tuple[Doubles, Mask]:
+    """Return (f, 3) unit normals that follow the winding, and which faces have area, (f,), from (f, 3, 3) corners.
+
+    The normal of a face without area is (0, 0, 1). What counts is the shape alone, at any scale.
+    """
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1, keepdims=True)
+    sides = sides / np.where(longest > 0, longest, 1)[:, :, None]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    has_area: Mask = lengths[:, 0] > _FLATTEST_FACE
+    return np.where(has_area[:, None], normals / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0)), has_area
 
 
 def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | None = None) -> Floats:
