@@ -40,7 +40,7 @@ class _Group(click.Group):
         except BrokenPipeError:
             sys.exit(1)  # whoever read the results has gone
         except OSError as error:
-            _fail(f"cannot write to the terminal or pipe ({error.strerror}); outputs already written stay", 1, error)
+            _fail(f"reading or writing failed ({error}); check the disk, and where standard output goes", 1, error)
         except MemoryError as error:
             _fail("out of memory; use a smaller --size or mesh", 1, error)
         except Exception as error:

@@ -12,18 +12,15 @@ from aoprecalc.options import RANGES
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def option(*names: str, of: type, field: str, help: str, type: Any = None) -> Callable[[Command], Command]:
+def option(*names: str, of: type, field: str, help: str) -> Callable[[Command], Command]:
     """Return a click option for one field of an options class, with its default and its choices or range."""
     default = next(entry.default for entry in fields(of) if entry.name == field)
     hint = get_type_hints(of)[field]
     choices = [choice for choice in get_args(hint) if isinstance(choice, str)]
-    if type is None and choices:
-        type = click.Choice(choices)
-    elif type is None:
-        type = _number(field, whole=float not in (hint, *get_args(hint)))
+    kind = click.Choice(choices) if choices else _number(field, whole=float not in (hint, *get_args(hint)))
     metavar = None if choices else "DEG" if field.endswith("angle") else "N"
     shown = default is not None
-    return click.option(*names, field, default=default, show_default=shown, type=type, metavar=metavar, help=help)
+    return click.option(*names, field, default=default, show_default=shown, type=kind, metavar=metavar, help=help)
 
 
 def _number(field: str, *, whole: bool) -> click.IntRange | click.FloatRange:

@@ -2,7 +2,8 @@
 //
 // A texel is compared with one map texel, at whose centre an occluder lies at a known point Q. The texel's point P is
 // hidden if Q rises above the receiver's plane, through P at right angles to the geometric normal g, by more than
-// a tolerance: g . (Q - P) > tolerance. On a plane both sides are 0 whatever the slope, so no bias is needed.
+// a tolerance: g . (Q - P) > tolerance. On a plane the left side is 0 whatever the slope, so the tolerance has only to
+// cover rounding and surfaces that bend within a map texel; near_far.py has its constants.
 
 #include "octahedral.glsl"
 

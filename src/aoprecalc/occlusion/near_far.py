@@ -15,8 +15,9 @@ _AXIS_BYTES = 80  # five rows of four 32-bit floats
 _EMPTY = -3e38  # lies behind everything, seen from either end
 
 # How far an occluder must rise above the receiver's plane to hide it: FLOOR map texels, and SLOPE times the distance at
-# which the map was read, as seen along the plane. Both were chosen against ray tracing: less, and neighbours across a
-# shallow crease hide each other; more, and a low wall is missed.
+# which the map was read, as seen along the plane. Both were picked from some fifteen settings by their error against
+# ray tracing on three meshes and beside a long wall: with less, neighbours across a shallow crease hide each other;
+# with more, a low wall is missed. Settings near these differ little.
 FLOOR = 1.0 / 4.0
 SLOPE = 1.5
 DEPTH_ROUNDING = 4e-6  # of interpolated 32-bit depths in [-1, 1]
