@@ -17,7 +17,7 @@ FLOORS = [
     ["occlusion", "spheres"],
     ["atlas"],
     ["texspace"],
-    ["gl", "surface"],
+    ["gl", "rays", "surface"],
     ["model"],
     ["options", "progress"],
     ["errors"],

@@ -1,0 +1,1 @@
+"""Rays against triangles, by Embree through the optional package embreex."""

@@ -1,0 +1,55 @@
+"""Triangles that stop rays."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
+
+import numpy as np
+
+from aoprecalc.errors import RendererError
+from aoprecalc.model import Floats, Ints, Mask
+
+_BLOCK = 1 << 18  # rays that a thread casts at a time
+
+
+def installed() -> bool:
+    """Tell whether rays can be cast here at all."""
+    return find_spec("embreex") is not None
+
+
+class Occluders:
+    """The triangles of a mesh in an Embree scene; both their sides stop rays."""
+
+    def __init__(self, positions: Floats, faces: Ints, threads: int = 0) -> None:
+        """Build over (v, 3) float32 positions and (f, 3) int32 faces; `threads` cast rays, 0 is one a core.
+
+        Raises RendererError where embreex is not installed.
+        """
+        if not installed():
+            raise RendererError("rays need embreex, which is not installed; `pip install 'aoprecalc[ray]'`")
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self._scene = EmbreeScene()
+        # The scene does not keep what it was made of alive.
+        self._mesh = TriangleMesh(
+            self._scene, np.ascontiguousarray(positions, np.float32), np.ascontiguousarray(faces, np.int32)
+        )
+        self._threads = threads or len(os.sched_getaffinity(0))
+
+    def hidden(self, origins: Floats, directions: Floats) -> Mask:
+        """Return which of k rays meet a triangle, (k,) bool.
+
+        origins      (k, 3) float32
+        directions   (k, 3) float32, or (1, 3) for parallel rays
+        """
+        stopped = np.empty(len(origins), bool)
+
+        def cast(start: int) -> None:
+            part = slice(start, start + _BLOCK)
+            along = directions if len(directions) == 1 else directions[part]
+            stopped[part] = self._scene.run(origins[part], along, query="OCCLUDED") >= 0
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(cast, range(0, len(origins), _BLOCK)))
+        return stopped
