@@ -11,13 +11,15 @@ def source(package: str, name: str, **constants: int) -> str:
     """Return the text of shader `name` in `package`, made complete.
 
     Gives it the version line, a #define for each constant, and, for each line `#include "x.glsl"`, the text of
-    that file of this folder.
+    that file beside the shader or in this folder.
     """
     text = (files(package) / name).read_text(encoding="utf-8")
     lines = []
     for line in text.splitlines():
         if line.startswith("#include"):
-            line = (files("aoprecalc.gl") / line.split('"')[1]).read_text(encoding="utf-8")
+            name = line.split('"')[1]
+            beside = files(package) / name
+            line = (beside if beside.is_file() else files("aoprecalc.gl") / name).read_text(encoding="utf-8")
         lines.append(line)
     defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
     return _HEADER + defines + "\n".join(lines) + "\n"

@@ -1,17 +1,20 @@
 // Adds, for every texel, what it sees along the axes of one batch.
 //
-// A texel is compared with one map texel, at whose centre an occluder lies at a known point Q. The texel's point P is
-// hidden if Q rises above the receiver's plane, through P at right angles to the geometric normal g, by more than
-// a tolerance: g . (Q - P) > tolerance. On a plane the left side is 0 whatever the slope, so the tolerance has only to
-// cover rounding and surfaces that bend within a map texel; near_far.py has its constants.
+// A texel's point P is compared with one map texel, at whose centre an occluder lies at a known point Q of a known plane.
+// P is hidden if both planes say so:
+//   the receiver's   Q rises above the plane through P at right angles to the geometric normal g;
+//   the occluder's   where the plane through Q passes P's place in the map it is nearer to the light than P.
+// Of two faces that meet, the first is exact beside a ridge and the second beside a valley, whatever their slopes; a face
+// never hides itself. So no bias has to be chosen: the tolerances are those of the arithmetic and of the map's code.
 
 #include "octahedral.glsl"
+#include "map_code.glsl"
 
-const float SNAP = 1.0 / 128.0;  // map texels by which rounding of vertices may move an occluder sideways
+const float SNAP = 1.0 / 128.0;  // map texels by which an occluder may be moved sideways: two steps of the vertices' grid
 
 layout(local_size_x = LOCAL_SIZE) in;
 
-// Per axis: map x, map y, depth; (pitch x, pitch y, tolerance, tolerance per distance); first map texel of the tile.
+// Per axis: map x, map y, depth; pitch x, pitch y; first map texel of the tile.
 // A uniform block, not a storage buffer: llvmpipe reads the latter lane by lane.
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
 layout(std430, binding = 1) readonly buffer Points { uvec4 points[]; };  // bits of the position, packed shading normal
@@ -35,21 +38,27 @@ void main() {
     // One axis after the other, so that the sums do not depend on how axes are batched.
     vec2 sum = sums[texel];
     for (int axis = 0; axis < 5 * axis_count; axis += 5) {
-        vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2], scale = rows[axis + 3];
+        vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2];
+        vec2 pitch = rows[axis + 3].xy;
         float g_along = dot(g, along.xyz), n_along = dot(n, along.xyz);
         float weight = max(0.0, g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0);
+        float towards = g_along > 0.0 ? 1.0 : -1.0;  // the end of the axis from which light comes
 
         vec2 map = vec2(dot(across, point), dot(upward, point));
         vec2 cell = floor(map);
         vec2 ends = texelFetch(maps, ivec2(cell + rows[axis + 4].xy), 0).rg;
-        float depth = g_along > 0.0 ? ends.x : -ends.y;
+        vec3 occluder = mapDecode(towards > 0.0 ? ends.x : ends.y);
 
-        vec2 aside = (cell + 0.5 - map) * scale.xy;
-        vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * scale.xy;
-        float rise = dot(slope, aside) + g_along * (depth - dot(along, point));
-        float tolerance = scale.z + dot(abs(slope), scale.xy) * SNAP + scale.w * abs(g_along) * length(aside);
+        vec2 aside = (cell + 0.5 - map) * pitch;
+        float before = occluder.x - towards * dot(along, point);
+        vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * pitch;
+        float rise = dot(slope, aside) + abs(g_along) * before;
+        float nearer = before - towards * dot(occluder.yz, aside);
+        bool hidden = occluder.x > NOTHING
+            && rise > ROUNDING + dot(abs(slope), pitch) * SNAP
+            && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));
 
-        sum += vec2(rise <= tolerance ? weight : 0.0, weight);
+        sum += vec2(hidden ? 0.0 : weight, weight);
     }
     sums[texel] = sum;
 }

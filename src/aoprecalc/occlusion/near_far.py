@@ -14,17 +14,9 @@ _CELL_BYTES = 8  # two 32-bit floats
 _AXIS_BYTES = 80  # five rows of four 32-bit floats
 _EMPTY = -3e38  # lies behind everything, seen from either end
 
-# How far an occluder must rise above the receiver's plane to hide it: FLOOR map texels, and SLOPE times the distance at
-# which the map was read, as seen along the plane. Both were picked from some fifteen settings by their error against
-# ray tracing on three meshes and beside a long wall: with less, neighbours across a shallow crease hide each other;
-# with more, a low wall is missed. Settings near these differ little.
-FLOOR = 1.0 / 4.0
-SLOPE = 1.5
-DEPTH_ROUNDING = 4e-6  # of interpolated 32-bit depths in [-1, 1]
-
 
 class NearFarMaps:
-    """Tiles of one two-channel target, one an axis; blending keeps the greatest of (depth, -depth)."""
+    """Tiles of one two-channel target, one an axis; blending keeps the occluders at both ends (see map_code.glsl)."""
 
     def __init__(self, context: moderngl.Context, positions: Floats, faces: Ints, size: int) -> None:
         """Upload occluders, (v, 3) positions about the origin and within 1 of it; `size` is a map's side in texels."""
@@ -63,12 +55,10 @@ class NearFarMaps:
         self._mesh.render(moderngl.TRIANGLES, instances=count)
 
     def _axis_rows(self, projections: Projections) -> Floats:
-        """What the shaders read for each axis, (a, 5, 4) float32: the projection, pitch and tolerance, and the tile."""
+        """What the shaders read for each axis, (a, 5, 4) float32: the projection, the pitch, and the tile."""
         count = len(projections.rows)
         rows = np.zeros((count, 5, 4))
         rows[:, :3] = projections.rows
         rows[:, 4, :2] = self._origins[:count]
         rows[:, 3, :2] = projections.pitch
-        rows[:, 3, 2] = FLOOR * projections.pitch.min(axis=1) + DEPTH_ROUNDING
-        rows[:, 3, 3] = SLOPE
         return rows.astype(np.float32)

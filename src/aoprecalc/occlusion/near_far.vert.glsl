@@ -8,6 +8,7 @@ uniform vec2 target_size;  // map texels
 
 in vec3 in_position;
 out float depth;
+flat out vec2 pitch;  // sides of a map texel
 
 void main() {
     int axis = 5 * gl_InstanceID;
@@ -15,5 +16,6 @@ void main() {
     vec2 map = vec2(dot(rows[axis], point), dot(rows[axis + 1], point));
     map = round(map * GRID) / GRID + rows[axis + 4].xy;
     depth = dot(rows[axis + 2], point);
+    pitch = rows[axis + 3].xy;
     gl_Position = vec4(map / target_size * 2.0 - 1.0, 0.0, 1.0);
 }

@@ -40,11 +40,14 @@ def extreme_points(positions: Doubles) -> Doubles:
 def project(axes: Doubles, outline: Doubles, size: int) -> Projections:
     """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3)."""
     across, upward = _frames(axes)
-    angles = np.arange(_TURNS) * (np.pi / 2 / _TURNS)
+    longest = np.linalg.svd(outline - outline.mean(axis=0), full_matrices=False)[2][0]
+    along_longest = np.arctan2(upward @ longest, across @ longest)  # which makes a needle's map as thin as the needle
+    turns = [np.full(len(axes), turn) for turn in np.arange(_TURNS) * (np.pi / 2 / _TURNS)]
     best_area = np.full(len(axes), np.inf)
     rows = np.zeros((len(axes), 3, 4))
     pitch = np.ones((len(axes), 2))
-    for cosine, sine in zip(np.cos(angles), np.sin(angles), strict=True):
+    for turn in [along_longest, *turns]:
+        cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
         sides = np.stack([cosine * across + sine * upward, cosine * upward - sine * across], axis=1)
         seen = sides @ outline.T
         low, high = seen.min(axis=2), seen.max(axis=2)
