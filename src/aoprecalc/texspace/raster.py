@@ -4,16 +4,14 @@ from dataclasses import dataclass
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from aoprecalc.gl.programs import draw_program
 from aoprecalc.model import Texels
 from aoprecalc.texspace.layout import Layout
+from aoprecalc.texspace.samples import BAND_TEXELS, BORDER_RULES, CENTER, GRID, bands, in_blocks
 
 _PACKAGE = "aoprecalc.texspace"
-_BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory, and keeps storage buffers under llvmpipe's 128 MB
-_BLOCK = 16  # texels a side; measured: the gather is a tenth faster than in rows
-_CENTER = (0.5, 0.5)
+_BAND_TEXELS = BAND_TEXELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +27,6 @@ class Band:
     texels: slice
 
 
-def _in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Order texels by squares of the picture: neighbours there read the same part of a map, which the cache keeps."""
-    row, column = np.divmod(index, width)
-    across = -(-width // _BLOCK)
-    return index[np.argsort(row // _BLOCK * across + column // _BLOCK, kind="stable")]
-
-
 class Raster:
     """Draws a layout, band by band, into one float target of (face + 1, weight of corner 1, weight of corner 2, 0).
 
@@ -48,14 +39,14 @@ class Raster:
         """Upload the layout; what is made lives as long as the context."""
         self.layout = layout
         self._context = context
-        self._band_rows = min(layout.height, max(1, _BAND_TEXELS // layout.width))
-        size = (layout.width, self._band_rows)
+        self._bands = bands(layout.width, layout.height, _BAND_TEXELS)
+        size = (layout.width, self._bands[0][1])
         self._surface = context.texture(size, 4, dtype="f4")
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._surface], self._depth)
-        self._fill = draw_program(context, _PACKAGE, "triangle.vert.glsl", "triangle.frag.glsl")
-        self._count = draw_program(context, _PACKAGE, "triangle.vert.glsl", "count.frag.glsl")
-        self._edge = draw_program(context, _PACKAGE, "border.vert.glsl", "border.frag.glsl")
+        self._fill = draw_program(context, _PACKAGE, "triangle.vert.glsl", "triangle.frag.glsl", GRID=GRID)
+        self._count = draw_program(context, _PACKAGE, "triangle.vert.glsl", "count.frag.glsl", GRID=GRID)
+        self._edge = draw_program(context, _PACKAGE, "border.vert.glsl", "border.frag.glsl", GRID=GRID, **BORDER_RULES)
 
         faces = layout.faces.astype(np.float32)
         corners = np.repeat(np.column_stack([layout.triangles.reshape(-1, 6), faces]), 3, axis=0)
@@ -72,15 +63,14 @@ class Raster:
 
     def coverage(self) -> tuple[Texels, list[Band]]:
         """Return the texels whose square the surface touches, and their bands."""
-        layout, found, bands, total = self.layout, [], [], 0
-        for row in range(0, layout.height, self._band_rows):
-            rows = min(self._band_rows, layout.height - row)
-            surface = np.frombuffer(self.draw(row, _CENTER).read(), np.float32)[: rows * layout.width * 4 : 4]
-            inside = _in_blocks(np.flatnonzero(surface), layout.width)
+        layout, found, drawn, total = self.layout, [], [], 0
+        for row, rows in self._bands:
+            surface = np.frombuffer(self.draw(row, CENTER).read(), np.float32)[: rows * layout.width * 4 : 4]
+            inside = in_blocks(np.flatnonzero(surface), layout.width)
             found.append((inside + row * layout.width).astype(np.int32))
-            bands.append(Band(row, rows, slice(total, total + len(inside))))
+            drawn.append(Band(row, rows, slice(total, total + len(inside))))
             total += len(inside)
-        return Texels(layout.width, layout.height, np.concatenate(found)), bands
+        return Texels(layout.width, layout.height, np.concatenate(found)), drawn
 
     def draw(self, row: int, sample_at: tuple[float, float]) -> moderngl.Texture:
         """Draw the band that starts at `row`, sampled at `sample_at` in [0, 1)^2; the target is good until the next."""
@@ -96,15 +86,14 @@ class Raster:
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
         covered = twice = 0
-        self._count["sample_at"] = _CENTER
-        for row in range(0, self.layout.height, self._band_rows):
+        self._count["sample_at"] = CENTER
+        for row, rows in self._bands:
             context = self._begin(row, self._count)
             context.enable_only(moderngl.BLEND)
             context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
             context.blend_func = moderngl.ONE, moderngl.ONE
             self._counted.render(moderngl.TRIANGLES)
-            counts = np.frombuffer(self._surface.read(), np.float32)[::4]
-            counts = counts[: min(self._band_rows, self.layout.height - row) * self.layout.width]
+            counts = np.frombuffer(self._surface.read(), np.float32)[: rows * self.layout.width * 4 : 4]
             covered += int(np.count_nonzero(counts))
             twice += int(np.count_nonzero(counts > 1.5))
         return twice / covered if covered else 0.0
