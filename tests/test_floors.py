@@ -14,7 +14,7 @@ FLOORS = [
     ["cli"],
     ["recipes"],
     ["files"],
-    ["occlusion", "spheres"],
+    ["occlusion", "spheres", "measure"],
     ["atlas"],
     ["texspace"],
     ["gl", "rays", "surface"],
@@ -24,7 +24,7 @@ FLOORS = [
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "__init__"]
-NO_GL = ["spheres", "files", "surface", "model"]
+NO_GL = ["spheres", "measure", "files", "surface", "model"]
 MODULES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
 
 

@@ -31,6 +31,9 @@ RANGES: dict[str, tuple[int, int]] = {
     "spheres": (1, 1_000_000),
     "samples": (1, 100_000_000),
     "max_iterations": (1, 1_000_000),
+    "points": (1, 10_000_000),
+    "rays": (64, 1_000_000),
+    "tolerance": (0, 1),
 }
 
 # Options that are called otherwise than their fields.
@@ -126,3 +129,32 @@ class SphereOptions:
                 f"{self.spheres} spheres from {self.samples} samples: each sphere starts at a sample of its own; "
                 f"ask for fewer spheres or at least {self.spheres} samples"
             )
+
+
+@dataclass(frozen=True)
+class VerifyOptions:
+    """How to measure a texture against ray tracing.
+
+    points         drawn uniformly on the surface
+    rays           cast from each of them; rounded up to a square number, as they are stratified in a square grid
+    seed           of the points and the rays
+    estimator      of the value that the texture is to hold, as in BakeOptions
+    two_sided      the texture is to hold the larger of the two sides' values
+    normals, crease_angle   as in BakeOptions
+    tolerance      the greatest RMS error that passes, at full resolution; None: any
+    threads        that cast rays; 0: all cores
+    """
+
+    points: int = 20_000
+    rays: int = 48 * 48
+    seed: int = 0
+    estimator: Estimator = "ratio"
+    two_sided: bool = False
+    normals: Normals = "auto"
+    crease_angle: float | None = None
+    tolerance: float | None = None
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise UsageError where a value is out of its range."""
+        _check(self)

@@ -7,10 +7,10 @@ import click
 import pytest
 
 from aoprecalc.cli import main
-from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.options import BakeOptions, SphereOptions, VerifyOptions
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-DEFAULTS = {"bake": BakeOptions(), "spheres": SphereOptions()}
+DEFAULTS = {"bake": BakeOptions(), "spheres": SphereOptions(), "verify": VerifyOptions()}
 
 
 def section(command):

@@ -11,10 +11,12 @@ import click
 from aoprecalc import __version__
 from aoprecalc.cli.bake import bake
 from aoprecalc.cli.spheres import spheres
+from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AoprecalcError
 
 EPILOG = (
-    "Exit codes: 0 done; 1 the work failed; 2 wrong usage; 3 no way to render; 4 the input mesh is unusable. "
+    "Exit codes: 0 done; 1 the work failed, or verify found more error than allowed; 2 wrong usage; "
+    "3 no way to render; 4 the input mesh is unusable. "
     "A failure leaves no file behind."
 )
 
@@ -63,6 +65,7 @@ def main() -> None:
 
 main.add_command(bake)
 main.add_command(spheres)
+main.add_command(verify)
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:

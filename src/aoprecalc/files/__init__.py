@@ -1,17 +1,21 @@
 """Meshes, images and sphere sets on disk."""
 
 from aoprecalc.files.atomic import Outputs
-from aoprecalc.files.images import choose_depth, read_image, write_image
+from aoprecalc.files.images import choose_depth, read_image, write_colors, write_image
 from aoprecalc.files.meshes import check_mesh_suffix, load_scene, mesh_suffix, source_files, write_baked_mesh
+from aoprecalc.files.occlusion_picture import OcclusionPicture, find_occlusion
 
 __all__ = [
+    "OcclusionPicture",
     "Outputs",
     "check_mesh_suffix",
     "choose_depth",
+    "find_occlusion",
     "load_scene",
     "mesh_suffix",
     "read_image",
     "source_files",
     "write_baked_mesh",
+    "write_colors",
     "write_image",
 ]

@@ -1,9 +1,10 @@
-"""Pictures of one linear channel, written and read through OpenImageIO.
+"""Pictures, mostly of one linear channel, written and read through OpenImageIO.
 
 Rounding is ours: in 8 bits a value a becomes floor(255 a + 0.5), in 16 bits floor(65535 a + 0.5), and what lies
 outside [0, 1] becomes the nearest end.
 """
 
+import tempfile
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -63,13 +64,25 @@ def write_image(path: str | PathLike[str], values: Floats, bit_depth: BitDepth =
 
     Raises UsageError as `choose_depth` does, and OutputError where it cannot be written.
     """
+    depth = choose_depth(path, bit_depth)
+    _write(path, quantize(values, depth)[:, :, None], depth, space="data")  # else PNG is tagged sRGB
+
+
+def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:
+    """Write a picture to look at, (height, width, 3) RGB in sRGB; row 0 is the upper one.
+
+    Raises UsageError for a kind of file that holds no 8 bits, and OutputError where it cannot be written.
+    """
+    _write(path, colors, choose_depth(path, "8"), space="sRGB")
+
+
+def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str) -> None:
     import OpenImageIO
 
-    depth = choose_depth(path, bit_depth)
     OpenImageIO.attribute("tiff:half", 1)  # else 16-bit floats are stored as 32-bit ones
-    buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(quantize(values, depth)[:, :, None]))
+    buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
     spec = buffer.specmod()
-    spec.attribute("oiio:ColorSpace", "data")  # else PNG is tagged sRGB
+    spec.attribute("oiio:ColorSpace", space)
     if Path(path).suffix.lower() in DATED:
         spec.attribute("DateTime", NO_DATE)
     if not buffer.write(str(path), _TYPES[depth]):
@@ -90,18 +103,33 @@ def quantize(values: Floats, depth: Depth) -> NDArray[Any]:
 def read_image(path: str | PathLike[str]) -> Floats:
     """Return the (height, width) float32 values of a picture's first channel; integers come as fractions of their most.
 
+    They are as in the file: neither decoded as colours nor multiplied by its alpha.
+
     Raises InputError where it is missing or cannot be read.
     """
     import OpenImageIO
 
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file, a picture was expected; check the path")
-    buffer = OpenImageIO.ImageBuf(str(path))
+    as_stored = OpenImageIO.ImageSpec()
+    as_stored.attribute("oiio:UnassociatedAlpha", 1)
+    buffer = OpenImageIO.ImageBuf(str(path), 0, 0, as_stored)
     pixels = None if buffer.has_error else buffer.get_pixels("float")
     if pixels is None or buffer.has_error:
         reason = _line(buffer.geterror())
         raise InputError(f"{path}: cannot be read as a picture ({reason}); check the file or convert it to PNG")
     return np.ascontiguousarray(pixels[:, :, 0], dtype=np.float32)
+
+
+def decode_image(data: bytes, name: str) -> Floats:
+    """Read a picture, as `read_image` does, from the bytes of its file; errors call it by `name`."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "picture.png"  # what it is shows in the bytes, whatever it is called
+        copy.write_bytes(data)
+        try:
+            return read_image(copy)
+        except InputError as error:
+            raise InputError(str(error).replace(str(copy), name)) from error
 
 
 def _line(text: str) -> str:

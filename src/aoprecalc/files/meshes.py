@@ -14,7 +14,7 @@ from aoprecalc.files.gltf.writer import write_gltf
 from aoprecalc.files.obj.reader import ObjDocument, read_obj
 from aoprecalc.files.obj.writer import write_obj
 from aoprecalc.files.off_reader import read_off
-from aoprecalc.files.ply.reader import read_ply
+from aoprecalc.files.ply.reader import PlyDocument, read_ply
 from aoprecalc.files.ply.writer import write_ply
 from aoprecalc.files.stl_reader import read_stl
 from aoprecalc.model import Atlas, Floats, Scene
@@ -74,8 +74,11 @@ def source_files(scene: Scene) -> list[Path]:
     if isinstance(scene.document, GltfDocument):
         return [scene.path, *scene.document.files()]
     if isinstance(scene.document, ObjDocument):
-        pictures = [material.picture for material in scene.document.materials.values() if material.picture is not None]
+        materials = scene.document.materials.values()
+        pictures = [picture for material in materials for picture in (material.picture, material.ambient) if picture]
         return [scene.path, *scene.document.libraries, *pictures]
+    if isinstance(scene.document, PlyDocument) and scene.document.picture is not None:
+        return [scene.path, scene.document.picture]
     return [scene.path]
 
 

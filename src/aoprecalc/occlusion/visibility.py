@@ -13,6 +13,7 @@ from aoprecalc.occlusion.near_far import NearFarMaps
 from aoprecalc.occlusion.projection import Projections, extreme_points, project
 from aoprecalc.occlusion.receivers import Receivers
 from aoprecalc.progress import Progress
+from aoprecalc.surface.frame import centred
 from aoprecalc.surface.normals import geometric_normals
 from aoprecalc.texspace.raster import Band, Raster
 
@@ -57,12 +58,3 @@ def visibility_sums(
             progress.advance(2 * count)
         sums += receivers.sums()
     return sums
-
-
-def centred(positions: Doubles) -> Doubles:
-    """Move and scale (v, 3) positions into the unit sphere about the origin, which 32-bit floats resolve to 1e-7."""
-    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
-    moved = positions - middle
-    radius = np.sqrt((moved**2).sum(axis=1).max())
-    scaled: Doubles = moved / (radius if radius > 0 else 1.0)
-    return scaled

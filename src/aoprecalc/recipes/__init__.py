@@ -1,6 +1,16 @@
-"""The jobs as a whole, each the story of one job in a screenful: bake, fit_spheres."""
+"""The jobs as a whole, each the story of one job in a screenful: bake, fit_spheres, verify."""
 
 from aoprecalc.recipes.baking import BakeResult, bake, bake_scene
 from aoprecalc.recipes.fitting import SpheresResult, fit_spheres
+from aoprecalc.recipes.verifying import VerifyResult, verify, verify_scene
 
-__all__ = ["BakeResult", "SpheresResult", "bake", "bake_scene", "fit_spheres"]
+__all__ = [
+    "BakeResult",
+    "SpheresResult",
+    "VerifyResult",
+    "bake",
+    "bake_scene",
+    "fit_spheres",
+    "verify",
+    "verify_scene",
+]

@@ -5,6 +5,7 @@ import numpy as np
 from aoprecalc.errors import InputError
 from aoprecalc.model import Doubles, Scene
 from aoprecalc.spheres.frame import Frame
+from aoprecalc.surface.uniform import faces_by_area, folded
 
 _BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
 
@@ -28,8 +29,7 @@ def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.G
     for start in range(0, count, _BLOCK):
         block = points[start : start + _BLOCK]
         where, along, across = rng.random((len(block), 3)).T
-        face = np.searchsorted(upto, np.minimum(where * upto[-1], np.nextafter(upto[-1], 0)), side="right")
-        block[:] = _inside(corners[face], along, across)
+        block[:] = _inside(corners[faces_by_area(upto, where)], *folded(along, across))
     points = on_grid(points)
     if (found := _distinct(points, distinct)) < distinct:
         raise InputError(
@@ -59,9 +59,7 @@ def _areas(corners: Doubles, scene: Scene, frame: Frame) -> Doubles:
 
 
 def _inside(corners: Doubles, along: Doubles, across: Doubles) -> Doubles:
-    """Points of triangles, (k, 3, 3), at two numbers in [0, 1): the half of the parallelogram beyond is folded back."""
-    beyond = along + across > 1
-    along, across = np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
+    """Points of triangles, (k, 3, 3), at shares of their first and third side."""
     origin = corners[:, 0]
     return origin + along[:, None] * (corners[:, 1] - origin) + across[:, None] * (corners[:, 2] - origin)
 

@@ -103,7 +103,7 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
             return b""  # the stand-in of a compressed buffer; who reads from it finds it too short
         data = binary
     elif uri.startswith("data:"):
-        data = _data_uri(path, uri)
+        data = data_uri(path, uri)
     else:
         file = local_file(path, uri)
         if file is None:
@@ -121,7 +121,8 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
     return data[: buffer["byteLength"]]
 
 
-def _data_uri(path: Path, uri: str) -> bytes:
+def data_uri(path: Path, uri: str) -> bytes:
+    """Return the bytes that a data URI of the document at `path` stands for; raises InputError."""
     head, _, body = uri.partition(",")
     try:
         return base64.b64decode(unquote(body), validate=True) if head.endswith(";base64") else unquote(body).encode()

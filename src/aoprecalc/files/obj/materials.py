@@ -13,12 +13,14 @@ class Material:
     lines    its lines, without `newmtl`
     color    diffuse colour (Kd), 0 to 1
     picture  the file of its diffuse texture (map_Kd), where it has one
+    ambient  the file of its ambient texture (map_Ka), where it has one
     """
 
     name: str
     lines: tuple[str, ...] = ()
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     picture: Path | None = None
+    ambient: Path | None = None
 
 
 def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material]:
@@ -44,14 +46,14 @@ def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material
 
 
 def _material(folder: Path, name: str, lines: Sequence[str]) -> Material:
-    color, picture = (1.0, 1.0, 1.0), None
+    color, pictures = (1.0, 1.0, 1.0), dict[str, Path]()
     for line in lines:
         keyword, _, rest = line.partition(" ")
         if keyword == "Kd":
             color = _color(rest.split()) or color
-        elif keyword.lower() == "map_kd":
-            picture = folder / _file_name(rest).replace("\\", "/")
-    return Material(name, tuple(lines), color, picture)
+        elif keyword.lower() in ("map_kd", "map_ka"):
+            pictures[keyword.lower()] = folder / _file_name(rest).replace("\\", "/")
+    return Material(name, tuple(lines), color, pictures.get("map_kd"), pictures.get("map_ka"))
 
 
 def _color(words: Sequence[str]) -> tuple[float, float, float] | None:

@@ -4,6 +4,7 @@ trimesh's reader is not used for this format: it refuses binary files that mix t
 strips for a cloud of points, and reorders the vertices where there are UVs.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,12 +26,15 @@ FACE_LISTS = ("vertex_indices", "vertex_index")
 
 @dataclass(frozen=True, eq=False)
 class PlyDocument:
-    """The properties of a PLY's vertices beside position, normal and UV (colours, say), to be passed on.
+    """What a PLY holds beside its faces.
 
-    columns   name -> (n,) values, of the type that they had in the file
+    columns   properties of vertices beside position, normal and UV (colours, say), to be passed on: name -> (n,)
+              values, of the type that they had in the file
+    picture   the file of its texture, where a `comment TextureFile` names one
     """
 
     columns: dict[str, NDArray[Any]]
+    picture: Path | None = None
 
 
 def read_ply(path: Path, data: bytes) -> Scene:
@@ -55,7 +59,8 @@ def read_ply(path: Path, data: bytes) -> Scene:
         normals = np.column_stack([vertex.columns[name] for name in VERTEX_NORMALS])[vertices]
 
     known = {*"xyz", *VERTEX_NORMALS, *(uv_names or ())}
-    document = PlyDocument({name: column for name, column in vertex.columns.items() if name not in known})
+    others = {name: column for name, column in vertex.columns.items() if name not in known}
+    document = PlyDocument(others, _texture_file(path, data))
     return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, corner_uvs)], document)
 
 
@@ -103,6 +108,13 @@ def _header(path: Path, data: bytes) -> tuple[list[Element], bytes, str]:
     if not order:
         raise damaged(path, "its PLY header names no known format, ascii or binary was expected")
     return elements, data[line_end + 1 :], order
+
+
+def _texture_file(path: Path, data: bytes) -> Path | None:
+    """Return the file that the header's first `comment TextureFile` names, as MeshLab writes it."""
+    header = data[: data.find(b"end_header")].decode("utf-8", "surrogateescape")
+    named = re.search(r"^comment\s+TextureFile\s+(\S.*?)\s*$", header, re.MULTILINE)
+    return path.parent / named[1].replace("\\", "/") if named else None
 
 
 def _property(path: Path, words: Sequence[str]) -> Property:

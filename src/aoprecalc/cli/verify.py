@@ -1,0 +1,73 @@
+"""`aoprecalc verify`."""
+
+from typing import Any
+
+import click
+
+from aoprecalc.cli.console import Console
+from aoprecalc.cli.options import common, option
+from aoprecalc.errors import AoprecalcError
+from aoprecalc.options import VerifyOptions
+
+
+@click.command(short_help="Measure an ambient-occlusion texture against ray tracing.")
+@click.argument("mesh")
+@click.option(
+    "--texture", metavar="PATH", help="The picture. [default: the one MESH refers to, or <stem>.png beside it]"
+)
+@option("--tolerance", of=VerifyOptions, field="tolerance", help="Greatest RMS error that passes; beyond it, exit 1.")
+@click.option("--heat-map", metavar="FILE", help="Paint the errors in texture space: blue too dark, red too bright.")
+@click.option("--report", metavar="FILE", help="Write what was measured as JSON.")
+@option("--points", of=VerifyOptions, field="points", help="Points on the surface, uniform by area.")
+@option("--rays", of=VerifyOptions, field="rays", help="Rays from each point, rounded up to a square number.")
+@option("--seed", of=VerifyOptions, field="seed", help="Of the points and the rays.")
+@option("--estimator", of=VerifyOptions, field="estimator", help="What the texture is to hold; see bake.")
+@click.option("--two-sided", is_flag=True, help="The texture is to hold the larger of the two sides' values.")
+@option("--normals", of=VerifyOptions, field="normals", help="auto: the file's, else smooth.")
+@option(
+    "--crease-angle",
+    of=VerifyOptions,
+    field="crease_angle",
+    help="Degrees; sharper edges are hard where normals are made. [default: 180; STL 40]",
+)
+@option("--threads", of=VerifyOptions, field="threads", help="That cast rays; 0: all cores.")
+@common
+def verify(mesh: str, texture: str | None, **given: Any) -> None:
+    """Measure the ambient occlusion in the texture of MESH, baked here or elsewhere, against ray tracing.
+
+    The texture is looked up as a renderer would, at full resolution and in its mip levels.
+    """
+    from aoprecalc import recipes
+    from aoprecalc.files.reports import report_text
+
+    console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
+    places = {name: given.pop(name) for name in ("heat_map", "report")}
+    as_json = given.pop("as_json")
+    options = VerifyOptions(**given)
+    result = recipes.verify(mesh, texture, **places, options=options, progress=console)
+    click.echo(report_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
+    if not result.passed:
+        raise AoprecalcError(
+            f"{result.report['texture']['path']}: its RMS error is {result.verified.levels[0].rmse:.5f}, "
+            f"at most {options.tolerance:g} was allowed; bake it with more directions or texels"
+        )
+
+
+def _table(report: dict[str, Any]) -> list[str]:
+    """Lay out what was measured: a line for each mip level, and one for each of the worst places."""
+    names = ("rmse", "bias", "p50", "p95", "p99", "max")
+    lines = [
+        f"{report['texture']['path']} on {report['input']['path']}: texture minus reference "
+        f"at {report['points']} points of {report['rays']} rays",
+        f"level{''.join(f'{name:>9}' for name in names)}",
+    ]
+    for level in report["levels"]:
+        numbers = "".join(f"{level[name]:{'+' if name == 'bias' else ''}9.4f}" for name in names)
+        lines.append(f"{level['level']:5}{numbers}")
+    if report["worst"]:
+        lines.append("worst at  " + f"{'position':<36}{'UV':<18}{'texture':>8}{'reference':>11}")
+    for place in report["worst"]:
+        position = " ".join(f"{number:11.5g}" for number in place["position"])
+        u, v = place["uv"]
+        lines.append(f"{'':8}{position}  {u:7.4f} {v:7.4f}  {place['value']:8.3f}{place['reference']:11.3f}")
+    return lines

@@ -1,0 +1,1 @@
+"""How far a texture is from ray tracing, as a renderer would show it."""

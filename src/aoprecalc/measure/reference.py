@@ -1,0 +1,104 @@
+"""Ambient occlusion at points of a surface by tracing rays: what a texture is measured against."""
+
+import math
+
+import numpy as np
+
+from aoprecalc.measure.points import SurfacePoints
+from aoprecalc.model import Doubles, Floats, Scene
+from aoprecalc.options import Estimator, VerifyOptions
+from aoprecalc.progress import Progress
+from aoprecalc.rays.occluders import Occluders
+from aoprecalc.surface.frame import centred
+from aoprecalc.surface.normals import geometric_normals
+
+LIFT = 1e-5  # of the bounding radius: how far above its face a ray starts, so that it does not meet that face
+_BLOCK = 1 << 20  # rays cast at a time: some 60 MB
+
+
+def rays_used(rays: int) -> int:
+    """Return how many rays stand for `rays`: the next square number, as they are stratified in a square grid."""
+    return (math.isqrt(rays - 1) + 1) ** 2
+
+
+def reference(
+    scene: Scene, shading: Floats, points: SurfacePoints, options: VerifyOptions, progress: Progress
+) -> Doubles:
+    """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
+
+    shading   (f, 3, 3) float32, unit normals at the corners
+    options   rays, seed, estimator, two_sided and threads count here
+
+    With the interpolated normal n and the face's own g (for n where they oppose each other), rays w are drawn by their
+    cosine with n; ratio: the visible share of those with g.w > 0; mean: the visible ones of these as a share of all.
+    `two_sided` takes the larger of both sides' values. Points done are counted on `progress`, once for each side.
+    Raises RendererError where rays cannot be cast.
+    """
+    positions = centred(scene.positions).astype(np.float32)
+    occluders = Occluders(positions, scene.faces, options.threads)
+    places = points.at(positions[scene.faces])
+    geometric = geometric_normals(scene, shading)[points.faces].astype(np.float64)
+    normals = points.at(shading)
+    opposed = np.einsum("kx,kx->k", normals, geometric) <= 0
+    normals[opposed] = geometric[opposed]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = (1, -1) if options.two_sided else (1,)
+    values = [_one_side(occluders, places, side * normals, side * geometric, options, progress) for side in sides]
+    return np.maximum(values[0], values[-1])
+
+
+def _one_side(
+    occluders: Occluders,
+    places: Doubles,
+    normals: Doubles,
+    geometric: Doubles,
+    options: VerifyOptions,
+    progress: Progress,
+) -> Doubles:
+    rays = rays_used(options.rays)
+    rng = np.random.default_rng(options.seed)
+    values = np.empty(len(places))
+    step = max(1, _BLOCK // rays)
+    for start in range(0, len(places), step):
+        block = slice(start, start + step)
+        upward = geometric[block].astype(np.float32)
+        directions = _hemispheres(normals[block], rays, rng)
+        in_front = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
+        origins = np.repeat((places[block] + LIFT * geometric[block]).astype(np.float32), rays, axis=0)
+        seen = in_front & ~occluders.hidden(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
+        values[block] = _share(seen.sum(axis=1), in_front.sum(axis=1), rays, options.estimator)
+        progress.advance(len(upward))
+    return values
+
+
+def _share(seen: Doubles, in_front: Doubles, rays: int, estimator: Estimator) -> Doubles:
+    return seen / rays if estimator == "mean" else seen / np.maximum(in_front, 1)
+
+
+def _hemispheres(normals: Doubles, rays: int, rng: np.random.Generator) -> Floats:
+    """Draw `rays` unit directions about each of m normals, (m, rays, 3), each in its cell of a square grid.
+
+    Their density is the cosine with the normal over pi: points uniform on a disc, lifted onto the sphere.
+    """
+    side = math.isqrt(rays)
+    ring, sector = np.divmod(np.arange(rays, dtype=np.float32), np.float32(side))
+    height = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)  # 1 - cos^2
+    turn = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
+    radius = np.sqrt(height)
+    local = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(np.maximum(1 - height, 0))], axis=2)
+    directions: Floats = np.matmul(local, _frames(normals).astype(np.float32))
+    return directions
+
+
+def _frames(normals: Doubles) -> Doubles:
+    """Return (m, 3, 3) right-handed orthonormal frames whose third rows are the unit normals.
+
+    (T. Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.)
+    """
+    x, y, z = normals.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.column_stack([1 + sign * x * x * a, sign * b, -sign * x])
+    second = np.column_stack([b, sign + y * y * a, -y])
+    return np.stack([first, second, normals], axis=1)
