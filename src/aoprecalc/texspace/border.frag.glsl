@@ -1,11 +1,7 @@
 // A texel that the surface covers in part, but not at its sample: takes the point of the border, within the texel's
 // square, that is nearest to the sample, and from there a little way into the face. On the border itself, at a crease, a
 // point would lie in the very wall that ought to hide it. Depth is the distance from the sample, so the nearest border
-// wins, and any triangle before it.
-
-const float INSET = 1.0 / 512.0;  // a border that runs along a square's side covers nothing of it
-const float INWARD = 0.2;         // texels from the border into the face, and
-const float ASIDE = 0.4;          // the most that the point may move to get there
+// wins, and any triangle before it. samples.py says what the constants mean; scanline.py follows the same rules.
 
 uniform vec2 sample_at;
 uniform vec2 origin;
@@ -39,10 +35,10 @@ void main() {
     float t = clamp(dot(wanted - start, along) / max(dot(along, along), 1e-20), enter, leave);
     vec2 inward = apex - (start + t * along);
     float height = abs(along.x * inward.y - along.y * inward.x) / max(length(along), 1e-9);
-    float share = min(0.3, min(INWARD / max(height, 1e-9), ASIDE / max(length(inward), 1e-9)));
+    float share = min(DEEPEST, min(INWARD / max(height, 1e-9), ASIDE / max(length(inward), 1e-9)));
     vec3 weights = vec3(share);
     weights[corner] = (1.0 - share) * (1.0 - t);
     weights[(corner + 1) % 3] = (1.0 - share) * t;
     surface = vec4(face + 1.0, weights.yz, 0.0);
-    gl_FragDepth = 0.01 + 0.4 * distance(wanted, start + t * along);
+    gl_FragDepth = BORDER_DEPTH + DISTANCE_DEPTH * distance(wanted, start + t * along);
 }

@@ -1,7 +1,6 @@
-// A border drawn so wide that every texel whose square it touches gets a fragment.
+// A border drawn so wide that every texel whose square it touches gets a fragment. GRID: see triangle.vert.glsl.
 
 const float REACH = 0.75;  // more than half a texel's diagonal
-const float GRID = 256.0;  // see triangle.vert.glsl
 
 uniform vec2 origin;  // first texel of the band
 uniform vec2 size;    // texels of the band

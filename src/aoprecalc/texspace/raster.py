@@ -1,39 +1,14 @@
 """Draws the atlas into texture space: what surface lies under each texel, at a chosen spot of its square."""
 
-from dataclasses import dataclass
-
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from aoprecalc.gl.programs import draw_program
-from aoprecalc.model import Texels
+from aoprecalc.model import Floats, Texels
 from aoprecalc.texspace.layout import Layout
+from aoprecalc.texspace.samples import BORDER_RULES, CENTER, GRID, Samples, bands, in_blocks, kept_inside
 
 _PACKAGE = "aoprecalc.texspace"
-_BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory, and keeps storage buffers under llvmpipe's 128 MB
-_BLOCK = 16  # texels a side; measured: the gather is a tenth faster than in rows
-_CENTER = (0.5, 0.5)
-
-
-@dataclass(frozen=True, eq=False)
-class Band:
-    """A run of whole rows of the texture and the covered texels in it.
-
-    row, rows   its first row and how many there are
-    texels      slice of Texels.index
-    """
-
-    row: int
-    rows: int
-    texels: slice
-
-
-def _in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Order texels by squares of the picture: neighbours there read the same part of a map, which the cache keeps."""
-    row, column = np.divmod(index, width)
-    across = -(-width // _BLOCK)
-    return index[np.argsort(row // _BLOCK * across + column // _BLOCK, kind="stable")]
 
 
 class Raster:
@@ -48,14 +23,14 @@ class Raster:
         """Upload the layout; what is made lives as long as the context."""
         self.layout = layout
         self._context = context
-        self._band_rows = min(layout.height, max(1, _BAND_TEXELS // layout.width))
-        size = (layout.width, self._band_rows)
+        self._bands = bands(layout.width, layout.height)
+        size = (layout.width, self._bands[0][1])
         self._surface = context.texture(size, 4, dtype="f4")
         self._depth = context.depth_renderbuffer(size)
         self._target = context.framebuffer([self._surface], self._depth)
-        self._fill = draw_program(context, _PACKAGE, "triangle.vert.glsl", "triangle.frag.glsl")
-        self._count = draw_program(context, _PACKAGE, "triangle.vert.glsl", "count.frag.glsl")
-        self._edge = draw_program(context, _PACKAGE, "border.vert.glsl", "border.frag.glsl")
+        self._fill = draw_program(context, _PACKAGE, "triangle.vert.glsl", "triangle.frag.glsl", GRID=GRID)
+        self._count = draw_program(context, _PACKAGE, "triangle.vert.glsl", "count.frag.glsl", GRID=GRID)
+        self._edge = draw_program(context, _PACKAGE, "border.vert.glsl", "border.frag.glsl", GRID=GRID, **BORDER_RULES)
 
         faces = layout.faces.astype(np.float32)
         corners = np.repeat(np.column_stack([layout.triangles.reshape(-1, 6), faces]), 3, axis=0)
@@ -70,41 +45,36 @@ class Raster:
             self._edge, [(self._borders, "2f 2f 2f 1f 1f /i", "in_start", "in_end", "in_apex", "in_face", "in_corner")]
         )
 
-    def coverage(self) -> tuple[Texels, list[Band]]:
-        """Return the texels whose square the surface touches, and their bands."""
-        layout, found, bands, total = self.layout, [], [], 0
-        for row in range(0, layout.height, self._band_rows):
-            rows = min(self._band_rows, layout.height - row)
-            surface = np.frombuffer(self.draw(row, _CENTER).read(), np.float32)[: rows * layout.width * 4 : 4]
-            inside = _in_blocks(np.flatnonzero(surface), layout.width)
+    def coverage(self) -> Texels:
+        """Return the texels whose square the surface touches."""
+        layout, found = self.layout, []
+        for row, rows in self._bands:
+            inside = in_blocks(np.flatnonzero(self._read(row, rows, CENTER)[:, 0]), layout.width)
             found.append((inside + row * layout.width).astype(np.int32))
-            bands.append(Band(row, rows, slice(total, total + len(inside))))
-            total += len(inside)
-        return Texels(layout.width, layout.height, np.concatenate(found)), bands
+        return Texels(layout.width, layout.height, np.concatenate(found))
 
-    def draw(self, row: int, sample_at: tuple[float, float]) -> moderngl.Texture:
-        """Draw the band that starts at `row`, sampled at `sample_at` in [0, 1)^2; the target is good until the next."""
-        context = self._begin(row, self._fill, self._edge)
-        self._fill["sample_at"] = self._edge["sample_at"] = sample_at
-        context.enable_only(moderngl.DEPTH_TEST)
-        context.depth_func = "<"
-        self._triangles.render(moderngl.TRIANGLES)
-        if self._edges:
-            self._edges.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(self.layout.borders))
-        return self._surface
+    def samples(self, texels: Texels, sample_at: tuple[float, float]) -> Samples:
+        """Return what lies under `texels`, in any order, at `sample_at` in [0, 1)^2 of their squares."""
+        faces, weights = np.empty(len(texels), np.int32), np.empty((len(texels), 3), np.float32)
+        for row, rows in self._bands:
+            start, stop = row * self.layout.width, (row + rows) * self.layout.width
+            band = np.flatnonzero((texels.index >= start) & (texels.index < stop))
+            found = self._read(row, rows, sample_at)[texels.index[band] - start]
+            faces[band] = found[:, 0].astype(np.int32) - 1
+            weights[band] = kept_inside(found[:, 1:3].T)
+        return Samples(faces, weights)
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
         covered = twice = 0
-        self._count["sample_at"] = _CENTER
-        for row in range(0, self.layout.height, self._band_rows):
+        self._count["sample_at"] = CENTER
+        for row, rows in self._bands:
             context = self._begin(row, self._count)
             context.enable_only(moderngl.BLEND)
             context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
             context.blend_func = moderngl.ONE, moderngl.ONE
             self._counted.render(moderngl.TRIANGLES)
-            counts = np.frombuffer(self._surface.read(), np.float32)[::4]
-            counts = counts[: min(self._band_rows, self.layout.height - row) * self.layout.width]
+            counts = self._texels(rows)[:, 0]
             covered += int(np.count_nonzero(counts))
             twice += int(np.count_nonzero(counts > 1.5))
         return twice / covered if covered else 0.0
@@ -116,3 +86,18 @@ class Raster:
             program["origin"] = (0, row)
             program["size"] = self._surface.size
         return self._context
+
+    def _read(self, row: int, rows: int, sample_at: tuple[float, float]) -> Floats:
+        """Draw the band of `rows` rows that starts at `row`; return what the target holds, (rows * width, 4)."""
+        context = self._begin(row, self._fill, self._edge)
+        self._fill["sample_at"] = self._edge["sample_at"] = sample_at
+        context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = "<"
+        self._triangles.render(moderngl.TRIANGLES)
+        if self._edges:
+            self._edges.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(self.layout.borders))
+        return self._texels(rows)
+
+    def _texels(self, rows: int) -> Floats:
+        found: Floats = np.frombuffer(self._surface.read(), np.float32).reshape(-1, 4)
+        return found[: rows * self.layout.width]

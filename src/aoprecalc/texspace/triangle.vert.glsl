@@ -1,6 +1,7 @@
 // A chart's triangle, moved so that its fragments are taken at `sample_at` in each texel's square instead of the centre.
 
-const float GRID = 256.0;  // rasterisers snap to it; snapping first makes the result the same in every band
+// GRID: see samples.py. Rasterisers snap to it; snapping first makes the result the same in every band, but for triangles
+// that a band's border cuts: where the cut's corners are snapped, an edge may move by a hair.
 
 uniform vec2 sample_at;  // in [0, 1)^2
 uniform vec2 origin;     // first texel of the band

@@ -1,0 +1,86 @@
+"""What both rasterisers agree on: what a sample is, how the texture is cut into bands, and the rules' numbers."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.model import Floats, Ints, Texels
+
+GRID = 256  # steps a texel: rasterisers snap corners to it
+CENTER = (0.5, 0.5)  # where a texel is sampled to tell whether it is covered
+
+# Borders, in texels unless said otherwise.
+INSET = 1.0 / 512.0  # a border that runs along a square's side covers nothing of it
+INWARD = 0.2  # a border's sample lies this far from the border, inside the face, but
+ASIDE = 0.4  # it moves no further than this to get there, and
+DEEPEST = 0.3  # no further than this share of the way to the face's third corner
+# Depth, in [0, 1], of a border's sample: the first at no distance from where it was wanted, the second more each texel.
+BORDER_DEPTH = 0.01  # triangles have depth 0
+DISTANCE_DEPTH = 0.4
+
+# The same numbers under the names that the shaders know them by.
+BORDER_RULES = {
+    "INSET": INSET,
+    "INWARD": INWARD,
+    "ASIDE": ASIDE,
+    "DEEPEST": DEEPEST,
+    "BORDER_DEPTH": BORDER_DEPTH,
+    "DISTANCE_DEPTH": DISTANCE_DEPTH,
+}
+
+_BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory, and keeps storage buffers under llvmpipe's 128 MB
+_BLOCK = 16  # texels a side; measured: the gather is a tenth faster than in rows
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Where on the surface the sample of each covered texel lies.
+
+    faces     (k,) int32, -1 where the texel has no sample at this spot
+    weights   (k, 3) float32, barycentric, >= 0, sum 1; (1, 0, 0) where there is no sample
+    """
+
+    faces: Ints
+    weights: Floats
+
+
+class TexelSampler(Protocol):
+    """Finds the surface under the texels of a layout. There are two: Raster, by OpenGL, and ScanlineRaster, without."""
+
+    def coverage(self) -> Texels:
+        """Return the texels whose square the surface touches."""
+        ...
+
+    def overlap(self) -> float:
+        """Return the share of covered texels whose centre lies inside more than one triangle."""
+        ...
+
+    def samples(self, texels: Texels, sample_at: tuple[float, float]) -> Samples:
+        """Return what lies under `texels` at `sample_at` in [0, 1)^2 of their squares."""
+        ...
+
+
+def bands(width: int, height: int) -> list[tuple[int, int]]:
+    """Cut a texture into runs of whole rows that are drawn at a time: the first row of each, and how many there are.
+
+    All have as many rows as the first, but for the last, which may have fewer.
+    """
+    rows = min(height, max(1, _BAND_TEXELS // width))
+    return [(row, min(rows, height - row)) for row in range(0, height, rows)]
+
+
+def in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+    """Order texels by squares of the picture: neighbours there read the same part of a map, which the cache keeps."""
+    row, column = np.divmod(index, width)
+    across = -(-width // _BLOCK)
+    return index[np.argsort(row // _BLOCK * across + column // _BLOCK, kind="stable")]
+
+
+def kept_inside(weights: Floats) -> Floats:
+    """Return all three weights, (n, 3), of points moved onto their face, from (2, n): those of the last two corners."""
+    second, third = np.maximum(weights, 0)
+    total = np.maximum(1, second + third)
+    second, third = second / total, third / total
+    return np.stack([np.maximum(1 - second - third, 0), second, third], axis=1)
