@@ -124,8 +124,11 @@ class Baked:
     atlas         the UVs that it belongs to
     normals       (f, 3, 3) float32: the shading normals that were used
     directions    light directions that were used
-    shadow_size   side of the near/far maps in texels
-    renderer      what the OpenGL implementation calls itself
+    error         the estimated sampling error of a texel, RMS; None where it cannot be told (up to 128 directions)
+    unseen        the share of the covered texels that see no direction
+    backend       gl or ray
+    renderer      what the OpenGL implementation, or the ray tracer, calls itself
+    shadow_size   side of the near/far maps in texels; None without maps
     warnings      what the user should know about the result
     """
 
@@ -133,8 +136,11 @@ class Baked:
     atlas: Atlas
     normals: Floats
     directions: int
-    shadow_size: int
+    error: float | None
+    unseen: float
+    backend: str
     renderer: str
+    shadow_size: int | None
     warnings: tuple[str, ...] = ()
 
 

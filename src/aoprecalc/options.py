@@ -10,7 +10,7 @@ from aoprecalc.errors import UsageError
 
 Sampling = Literal["fibonacci", "random"]
 Estimator = Literal["ratio", "mean"]
-Backend = Literal["auto", "gl"]
+Backend = Literal["auto", "gl", "ray"]
 Unwrap = Literal["auto", "keep", "xatlas", "uvunwrap"]
 Fill = Literal["mean", "pushpull", "none"]
 Normals = Literal["auto", "file", "smooth", "flat"]
@@ -26,6 +26,7 @@ RANGES: dict[str, tuple[int, int]] = {
     "shadow_size": (16, 8192),
     "padding": (0, 256),
     "crease_angle": (0, 180),
+    "target_error": (0, 1),
     "threads": (0, 1024),
     "seed": (0, 2**32 - 1),
     "spheres": (1, 1_000_000),
@@ -70,14 +71,16 @@ class BakeOptions:
     seed            of the random directions
     estimator       ratio: exactly 1 on an open point; mean: the unnormalised sum 4/N * sum(cos * visible)
     shadow_size     side of a near/far map in texels; None: so that its texels are smaller than the texture's
-    backend         what measures visibility: gl, or auto (the best there is)
+    backend         what measures visibility: gl (depth maps), ray (rays, by embreex), or auto: gl, else ray
     unwrap          where UVs come from: keep the file's, xatlas, uvunwrap, or auto
     padding         texels by which charts are extended into the gutter around them
     fill            what the texels of no chart hold: mean, pushpull or none (0)
     bit_depth       auto: 8 for PNG, half for EXR, 8 for others
     normals         auto: the file's, else smooth; flat: the faces' own
     crease_angle    degrees: edges that bend more are hard where normals are made; None: 180, and 40 for STL
-    threads         for software rendering; 0: all cores; a process keeps to what its first bake asked for
+    two_sided       both sides of a face receive light: a texel has the larger of the two sides' values
+    target_error    stop before `directions` once the estimated sampling error (RMS) is at most this; None: never
+    threads         for software rendering and rays; 0: all cores; a process keeps to what its first bake asked for
     """
 
     width: int = 1024
@@ -94,6 +97,8 @@ class BakeOptions:
     bit_depth: BitDepth = "auto"
     normals: Normals = "auto"
     crease_angle: float | None = None
+    two_sided: bool = False
+    target_error: float | None = None
     threads: int = 0
 
     def __post_init__(self) -> None:

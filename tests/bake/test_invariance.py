@@ -77,7 +77,7 @@ def test_the_same_bytes_run_after_run(baseline):
 
 def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
     monkeypatch.setattr(near_far, "_TARGET_BYTES", 1)  # one map at a time
-    monkeypatch.setattr(raster, "_BAND_TEXELS", 7 * 96)
+    monkeypatch.setattr(texel_samples, "BAND_TEXELS", 7 * 96)
     assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
 
 

@@ -1,8 +1,8 @@
 """Which UVs a bake uses, and why."""
 
+from collections.abc import Callable
 from importlib.util import find_spec
 
-import moderngl
 import numpy as np
 
 from aoprecalc.atlas.gutter import doubled_areas
@@ -13,19 +13,23 @@ from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.surface.normals import face_directions
 from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import MOST_TILES, corner_ids, lay_out
-from aoprecalc.texspace.raster import Raster
+from aoprecalc.texspace.layout import MOST_TILES, Layout, corner_ids, lay_out
+from aoprecalc.texspace.samples import TexelSampler
+
+Sampler = Callable[[Layout], TexelSampler]
 
 MOST_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
 
 
-def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
+def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
     """Return the file's UVs where they can hold a bake or are asked for, else an unwrap.
+
+    sampler   makes what finds the texels of a layout
 
     Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed.
     """
     if options.unwrap in ("auto", "keep"):
-        kept, fault = keep(context, scene, options.width, options.height)
+        kept, fault = keep(sampler, scene, options.width, options.height)
         if kept is not None:
             return kept
         if options.unwrap == "keep":
@@ -39,7 +43,7 @@ def choose_atlas(context: moderngl.Context, scene: Scene, options: BakeOptions, 
     return unwrap(scene, "uvunwrap" if fast else "xatlas", size, options.padding)
 
 
-def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:
+def keep(sampler: Sampler, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:
     """Return the atlas of the file's own UVs, or None and why they cannot hold a bake."""
     if scene.uvs is None:
         return None, "there are none"
@@ -55,7 +59,7 @@ def keep(context: moderngl.Context, scene: Scene, width: int, height: int) -> tu
     atlas = Atlas("keep", scene.uvs, solid, charts, wraps=wraps)
     if np.ptp(scene.uvs[solid], axis=1).max() > MOST_TILES:
         return None, f"a face spans more than {MOST_TILES} repeats of the texture"
-    overlap = Raster(context, lay_out(scene, atlas, width, height)).overlap()
+    overlap = sampler(lay_out(scene, atlas, width, height)).overlap()
     if overlap >= MOST_OVERLAP:
         return None, f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
     return atlas, ""

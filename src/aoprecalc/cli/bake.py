@@ -44,6 +44,8 @@ from aoprecalc.options import BakeOptions
     field="crease_angle",
     help="Degrees; sharper edges are hard where normals are made. [default: 180; STL 40]",
 )
+@click.option("--two-sided", is_flag=True, help="Take the lighter of a face's two sides.")
+@option("--target-error", of=BakeOptions, field="target_error", help="Stop once the estimated error is below.")
 @option("--threads", of=BakeOptions, field="threads", help="For software rendering; 0: all cores.")
 @click.option("--report", metavar="FILE", help="Write what was read, chosen and measured as JSON.")
 @common

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles, Mask, Scene
-from aoprecalc.surface.frame import centred
 from aoprecalc.surface.normals import area_vectors
 from aoprecalc.surface.uniform import faces_by_area, folded
+from aoprecalc.surface.unit import centred
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,9 @@ from aoprecalc.measure.points import SurfacePoints
 from aoprecalc.model import Doubles, Floats, Scene
 from aoprecalc.options import Estimator, VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.rays.occluders import Occluders
-from aoprecalc.surface.frame import centred
-from aoprecalc.surface.normals import geometric_normals
+from aoprecalc.rays.occluders import LIFT, Occluders
+from aoprecalc.surface.unit import UnitSurface
 
-LIFT = 1e-5  # of the bounding radius: how far above its face a ray starts, so that it does not meet that face
 _BLOCK = 1 << 20  # rays cast at a time: some 60 MB
 
 
@@ -34,14 +32,9 @@ def reference(
     `two_sided` takes the larger of both sides' values. Points done are counted on `progress`, once for each side.
     Raises RendererError where rays cannot be cast.
     """
-    positions = centred(scene.positions).astype(np.float32)
-    occluders = Occluders(positions, scene.faces, options.threads)
-    places = points.at(positions[scene.faces])
-    geometric = geometric_normals(scene, shading)[points.faces].astype(np.float64)
-    normals = points.at(shading)
-    opposed = np.einsum("kx,kx->k", normals, geometric) <= 0
-    normals[opposed] = geometric[opposed]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    surface = UnitSurface.of(scene, shading)
+    occluders = Occluders(surface.positions, surface.faces, options.threads)
+    places, normals, geometric = surface.at(points.faces, points.weights)
     sides = (1, -1) if options.two_sided else (1,)
     values = [_one_side(occluders, places, side * normals, side * geometric, options, progress) for side in sides]
     return np.maximum(values[0], values[-1])

@@ -2,21 +2,39 @@
 
 import numpy as np
 
-from aoprecalc.model import Doubles, Floats, Mask
+from aoprecalc.model import Doubles, Mask
 from aoprecalc.options import Estimator
 
 
-def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Floats, Mask]:
-    """Return the values of texels, (k,) float32 in [0, 1], and which of them were measured at all, (k,) bool.
+def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Doubles, Mask]:
+    """Return the values of texels, (k,) float64 >= 0, and which of them were measured at all, (k,) bool.
 
     sums   (k, 2): the weight of visible directions, and of all in front of the surface
     ratio  their quotient: self-normalised, exactly 1 on an open point
-    mean   4/N times the first (equation 1.1.1.1 by uniform directions), clamped because sampling can make it exceed 1
+    mean   4/N times the first (equation 1.1.1.1 by uniform directions), which sampling can make greater than 1
     """
     visible, whole = sums[:, 0], sums[:, 1]
     measured = whole > 0
-    if estimator == "ratio":
-        values = np.divide(visible, whole, out=np.zeros_like(visible), where=measured)
-    else:
-        values = visible * (4.0 / directions)
-    return np.clip(values, 0.0, 1.0).astype(np.float32), measured
+    if estimator == "mean":
+        return visible * (4.0 / directions), measured
+    return np.divide(visible, whole, out=np.zeros_like(visible), where=measured), measured
+
+
+def sampling_error(halves: Doubles, directions: list[int], estimator: Estimator) -> float | None:
+    """Return the error to expect of the two halves together, RMS over the texels that both measured; None without any.
+
+    halves       (2, k, 2): visibility sums of the halves
+    directions   how many each has used
+    Where the halves err independently, their difference errs by twice as much as their mean. Even sets err a little
+    less than independent ones, so the estimate is a little high.
+    """
+    if not all(directions):
+        return None
+    (first, in_first), (second, in_second) = (
+        estimate(sums, count, estimator) for sums, count in zip(halves, directions, strict=True)
+    )
+    both = in_first & in_second
+    if not both.any():
+        return None
+    difference = first[both] - second[both]
+    return float(0.5 * np.sqrt((difference**2).mean()))

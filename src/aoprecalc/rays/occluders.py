@@ -9,12 +9,21 @@ import numpy as np
 from aoprecalc.errors import RendererError
 from aoprecalc.model import Floats, Ints, Mask
 
+# Of the bounding radius: how far above its face a ray starts, so that it does not meet that face; 32-bit positions are
+# good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
+LIFT = 1e-5
 _BLOCK = 1 << 18  # rays that a thread casts at a time
 
 
 def installed() -> bool:
     """Tell whether rays can be cast here at all."""
     return find_spec("embreex") is not None
+
+
+def require() -> None:
+    """Raise RendererError where rays cannot be cast."""
+    if not installed():
+        raise RendererError("rays need embreex, which is not installed; `pip install 'aoprecalc[ray]'`")
 
 
 class Occluders:
@@ -25,8 +34,7 @@ class Occluders:
 
         Raises RendererError where embreex is not installed.
         """
-        if not installed():
-            raise RendererError("rays need embreex, which is not installed; `pip install 'aoprecalc[ray]'`")
+        require()
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 

@@ -1,15 +1,15 @@
 """Bake: from a mesh file to an ambient-occlusion texture and the mesh that it belongs to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aoprecalc.atlas.choose import MOST_OVERLAP, choose_atlas
+from aoprecalc.atlas.choose import choose_atlas
 from aoprecalc.atlas.gutter import first_unsafe_mip
-from aoprecalc.errors import InputError, RendererError, UsageError
+from aoprecalc.errors import InputError, UsageError
 from aoprecalc.files import (
     Outputs,
     check_mesh_suffix,
@@ -22,20 +22,20 @@ from aoprecalc.files import (
 )
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
-from aoprecalc.gl.context import Renderer, open_renderer
 from aoprecalc.model import Atlas, Baked, Scene
 from aoprecalc.occlusion.axes import axes
-from aoprecalc.occlusion.estimate import estimate
+from aoprecalc.occlusion.backend import open_backend
+from aoprecalc.occlusion.gathering import gather
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
-from aoprecalc.occlusion.visibility import visibility_sums
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.recipes.report import bake_report
 from aoprecalc.recipes.stopwatch import Stopwatch
-from aoprecalc.surface.normals import face_directions, shading_normals
-from aoprecalc.texspace.finish import finish
+from aoprecalc.recipes.warnings import bake_warnings
+from aoprecalc.surface.normals import shading_normals
+from aoprecalc.surface.unit import UnitSurface
+from aoprecalc.texspace.finish import finish, lighter, paint
 from aoprecalc.texspace.layout import lay_out
-from aoprecalc.texspace.raster import Raster
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,59 +107,45 @@ def bake_scene(
     progress = progress or Progress()
     watch = watch or Stopwatch(progress)
     normals = shading_normals(scene, options.normals, options.crease_angle)
-    with open_renderer(options.threads) as renderer:
-        _check_sizes(renderer, options)
+    surface = UnitSurface.of(scene, normals)
+    directions = axes(options.directions, options.sampling, options.seed)
+    with open_backend(options, progress) as backend:
         with watch.stage("unwrap"):
-            atlas = choose_atlas(renderer.context, scene, options, progress)
+            atlas = choose_atlas(backend.sampler, scene, options, progress)
         progress.note(_describe(atlas, options.padding))
-        raster = Raster(renderer.context, lay_out(scene, atlas, options.width, options.height))
-        texels, bands = raster.coverage()
+        sampler = backend.sampler(lay_out(scene, atlas, options.width, options.height))
+        texels = sampler.coverage()
         if not len(texels):
             size = f"{options.width} x {options.height}"
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
-        overlap = raster.overlap()
-        directions = axes(options.directions, options.sampling, options.seed)
+        overlap = sampler.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels))
-        with watch.stage("visibility", 2 * len(directions), "directions"):
-            sums = visibility_sums(renderer, scene, normals, raster, texels, bands, directions, shadow_size, progress)
-        if renderer.context.error != "GL_NO_ERROR":
-            raise RendererError(
-                f"{renderer.name} reported an error while rendering; use smaller sizes or another driver"
-            )
-    values, measured = estimate(sums, 2 * len(directions), options.estimator)
-    if not measured.any():
+        sides = [surface, surface.turned()] if options.two_sided else [surface]
+        seen = []
+        with watch.stage("visibility", len(sides) * 2 * len(directions), "directions"):
+            for side in sides:
+                observer = backend.observer(side, len(texels), shadow_size)
+                seen.append(gather(observer, sampler, scene, atlas, texels, directions, options, progress))
+        backend.check()
+    if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
             f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
         )
-    texture = finish(texels, values, measured, options.padding, options.fill, wraps=atlas.wraps)
-    warnings = []
-    if 2 * len(directions) != options.directions:
-        asked = f"{options.directions} were asked for"
-        warnings.append(f"{2 * len(directions)} directions were used, as they come in pairs; {asked}")
-    if overlap > MOST_OVERLAP:
-        warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
-    left_out = np.count_nonzero(face_directions(scene.corners)[1] & ~atlas.covers)
-    if left_out:
-        warnings.append(
-            f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
-        )
-    if (
-        atlas.gutter is not None
-        and atlas.gutter < options.padding
-        and first_unsafe_mip(atlas.gutter, options.padding) == 1
-    ):
-        warnings.append(
-            f"with {atlas.charts} charts there is room for gutters of {atlas.gutter} texels only; charts may mix from "
-            "mip level 1 on; a larger --size has more room"
-        )
-    return Baked(texture, atlas, normals, 2 * len(directions), shadow_size, renderer.name, tuple(warnings))
-
-
-def _check_sizes(renderer: Renderer, options: BakeOptions) -> None:
-    limit = renderer.context.info["GL_MAX_TEXTURE_SIZE"]
-    for name, size in (("--size", max(options.width, options.height)), ("--shadow-size", options.shadow_size or 0)):
-        if size > limit:
-            raise UsageError(f"{name} {size} is beyond this renderer ({renderer.name}); expected at most {limit}")
+    with watch.stage("finish"):
+        paintings = [paint(texels, side.values, side.measured, side.reconstruction, wraps=atlas.wraps) for side in seen]
+        texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
+    baked = Baked(
+        texture=texture,
+        atlas=atlas,
+        normals=normals,
+        directions=max(side.directions for side in seen),
+        error=max((side.error for side in seen if side.error is not None), default=None),
+        unseen=float(np.all([side.values == 0 for side in seen], axis=0).mean()),
+        backend=backend.kind,
+        renderer=backend.name,
+        shadow_size=shadow_size if backend.kind == "gl" else None,
+    )
+    return replace(baked, warnings=bake_warnings(scene, baked, options, overlap))
 
 
 def _describe(atlas: Atlas, padding: int) -> str:

@@ -1,30 +1,68 @@
-"""From measured texels to a whole picture: padding around the charts, then a fill for what is left."""
+"""From measured texels to a whole picture: the best fit, padding around the charts, then a fill for what is left."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
 from aoprecalc.model import Floats, Mask, Texels, Texture
 from aoprecalc.options import Fill
+from aoprecalc.texspace.reconstruct import Reconstruction
 
+_LOOK_UP = 2  # texels from a covered one at which a look-up on the surface still reads
 _BAND_ROWS = 512
 
 
-def finish(texels: Texels, values: Floats, measured: Mask, padding: int, fill: Fill, *, wraps: bool = False) -> Texture:
-    """Return the finished picture of texel values, (k,) float32 in [0, 1]; only the measured ones, (k,) bool, count.
+@dataclass(frozen=True, eq=False)
+class Painting:
+    """A picture of the texels that the surface needs, before its gutters.
 
-    padding   texels in the gutter take the value of the nearest measured texel at most this far away
-    fill      the remaining texels: mean (of the measured ones; source, 1.1.3), pushpull or none (0)
-    wraps     the texture repeats, so that padding goes round its edges
+    values   (height, width) float32 in [0, 1], 0 where not known
+    known    (height, width) bool: texels that the surface covers, and those that a look-up on it reads besides
+    valid    (height, width) bool: texels that the surface covers and whose value was measured
+    """
+
+    values: Floats
+    known: Mask
+    valid: Mask
+
+
+def paint(
+    texels: Texels, values: Floats, measured: Mask, reconstruction: Reconstruction, *, wraps: bool = False
+) -> Painting:
+    """Put the means of texels, (k,) float32 in [0, 1], into a picture; only the measured ones, (k,) bool, count.
+
+    reconstruction   what was measured, as darkness (1 - value): the picture is improved to fit it
+    wraps            the texture repeats
     """
     picture: Floats = np.zeros((texels.height, texels.width), np.float32)
     valid: Mask = np.zeros(picture.shape, bool)
     index = texels.index[measured]
     picture.ravel()[index], valid.ravel()[index] = values[measured], True
-    if not len(index):
-        return Texture(picture, valid)
-    padded, known = pad(picture, valid, padding, wraps=wraps)
+    known = valid | reconstruction.touched()
+    start = pad(picture, valid, _LOOK_UP, wraps=wraps)[0]
+    improved = np.clip(1 - reconstruction.improve(1 - start), 0, 1)  # as darkness: open surfaces stay exactly so
+    return Painting(np.where(known, improved, np.float32(0)), known, valid)
+
+
+def lighter(first: Painting, second: Painting) -> Painting:
+    """Return the greater of two paintings at every texel."""
+    return Painting(np.maximum(first.values, second.values), first.known | second.known, first.valid | second.valid)
+
+
+def finish(painting: Painting, padding: int, fill: Fill, *, wraps: bool = False) -> Texture:
+    """Return the finished picture.
+
+    padding   texels in the gutter take the value of the nearest known texel at most this far away
+    fill      the remaining texels: mean (of the valid ones; source, 1.1.3), pushpull or none (0)
+    wraps     the texture repeats, so that padding goes round its edges
+    """
+    valid = painting.valid
+    if not valid.any():
+        return Texture(painting.values, valid)
+    padded, known = pad(painting.values, painting.known, padding, wraps=wraps)
     if fill == "mean":
-        padded[~known] = values[measured].mean(dtype=np.float64)
+        padded[~known] = painting.values[valid].mean(dtype=np.float64)
     elif fill == "pushpull":
         padded = push_pull(padded, known)
     return Texture(padded, valid)

@@ -1,30 +1,14 @@
 """Draws the atlas into texture space: what surface lies under each texel, at a chosen spot of its square."""
 
-from dataclasses import dataclass
-
 import moderngl
 import numpy as np
 
 from aoprecalc.gl.programs import draw_program
-from aoprecalc.model import Texels
+from aoprecalc.model import Floats, Texels
 from aoprecalc.texspace.layout import Layout
-from aoprecalc.texspace.samples import BAND_TEXELS, BORDER_RULES, CENTER, GRID, bands, in_blocks
+from aoprecalc.texspace.samples import BORDER_RULES, CENTER, GRID, Samples, bands, in_blocks, kept_inside
 
 _PACKAGE = "aoprecalc.texspace"
-_BAND_TEXELS = BAND_TEXELS
-
-
-@dataclass(frozen=True, eq=False)
-class Band:
-    """A run of whole rows of the texture and the covered texels in it.
-
-    row, rows   its first row and how many there are
-    texels      slice of Texels.index
-    """
-
-    row: int
-    rows: int
-    texels: slice
 
 
 class Raster:
@@ -39,7 +23,7 @@ class Raster:
         """Upload the layout; what is made lives as long as the context."""
         self.layout = layout
         self._context = context
-        self._bands = bands(layout.width, layout.height, _BAND_TEXELS)
+        self._bands = bands(layout.width, layout.height)
         size = (layout.width, self._bands[0][1])
         self._surface = context.texture(size, 4, dtype="f4")
         self._depth = context.depth_renderbuffer(size)
@@ -61,27 +45,24 @@ class Raster:
             self._edge, [(self._borders, "2f 2f 2f 1f 1f /i", "in_start", "in_end", "in_apex", "in_face", "in_corner")]
         )
 
-    def coverage(self) -> tuple[Texels, list[Band]]:
-        """Return the texels whose square the surface touches, and their bands."""
-        layout, found, drawn, total = self.layout, [], [], 0
+    def coverage(self) -> Texels:
+        """Return the texels whose square the surface touches."""
+        layout, found = self.layout, []
         for row, rows in self._bands:
-            surface = np.frombuffer(self.draw(row, CENTER).read(), np.float32)[: rows * layout.width * 4 : 4]
-            inside = in_blocks(np.flatnonzero(surface), layout.width)
+            inside = in_blocks(np.flatnonzero(self._read(row, rows, CENTER)[:, 0]), layout.width)
             found.append((inside + row * layout.width).astype(np.int32))
-            drawn.append(Band(row, rows, slice(total, total + len(inside))))
-            total += len(inside)
-        return Texels(layout.width, layout.height, np.concatenate(found)), drawn
+        return Texels(layout.width, layout.height, np.concatenate(found))
 
-    def draw(self, row: int, sample_at: tuple[float, float]) -> moderngl.Texture:
-        """Draw the band that starts at `row`, sampled at `sample_at` in [0, 1)^2; the target is good until the next."""
-        context = self._begin(row, self._fill, self._edge)
-        self._fill["sample_at"] = self._edge["sample_at"] = sample_at
-        context.enable_only(moderngl.DEPTH_TEST)
-        context.depth_func = "<"
-        self._triangles.render(moderngl.TRIANGLES)
-        if self._edges:
-            self._edges.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(self.layout.borders))
-        return self._surface
+    def samples(self, texels: Texels, sample_at: tuple[float, float]) -> Samples:
+        """Return what lies under `texels`, in any order, at `sample_at` in [0, 1)^2 of their squares."""
+        faces, weights = np.empty(len(texels), np.int32), np.empty((len(texels), 3), np.float32)
+        for row, rows in self._bands:
+            start, stop = row * self.layout.width, (row + rows) * self.layout.width
+            band = np.flatnonzero((texels.index >= start) & (texels.index < stop))
+            found = self._read(row, rows, sample_at)[texels.index[band] - start]
+            faces[band] = found[:, 0].astype(np.int32) - 1
+            weights[band] = kept_inside(found[:, 1:3].T)
+        return Samples(faces, weights)
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
@@ -93,7 +74,7 @@ class Raster:
             context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
             context.blend_func = moderngl.ONE, moderngl.ONE
             self._counted.render(moderngl.TRIANGLES)
-            counts = np.frombuffer(self._surface.read(), np.float32)[: rows * self.layout.width * 4 : 4]
+            counts = self._texels(rows)[:, 0]
             covered += int(np.count_nonzero(counts))
             twice += int(np.count_nonzero(counts > 1.5))
         return twice / covered if covered else 0.0
@@ -105,3 +86,18 @@ class Raster:
             program["origin"] = (0, row)
             program["size"] = self._surface.size
         return self._context
+
+    def _read(self, row: int, rows: int, sample_at: tuple[float, float]) -> Floats:
+        """Draw the band of `rows` rows that starts at `row`; return what the target holds, (rows * width, 4)."""
+        context = self._begin(row, self._fill, self._edge)
+        self._fill["sample_at"] = self._edge["sample_at"] = sample_at
+        context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = "<"
+        self._triangles.render(moderngl.TRIANGLES)
+        if self._edges:
+            self._edges.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(self.layout.borders))
+        return self._texels(rows)
+
+    def _texels(self, rows: int) -> Floats:
+        found: Floats = np.frombuffer(self._surface.read(), np.float32).reshape(-1, 4)
+        return found[: rows * self.layout.width]

@@ -1,11 +1,12 @@
 """What both rasterisers agree on: what a sample is, how the texture is cut into bands, and the rules' numbers."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.model import Floats, Ints
+from aoprecalc.model import Floats, Ints, Texels
 
 GRID = 256  # steps a texel: rasterisers snap corners to it
 CENTER = (0.5, 0.5)  # where a texel is sampled to tell whether it is covered
@@ -45,12 +46,28 @@ class Samples:
     weights: Floats
 
 
-def bands(width: int, height: int, most: int) -> list[tuple[int, int]]:
+class TexelSampler(Protocol):
+    """Finds the surface under the texels of a layout. There are two: Raster, by OpenGL, and ScanlineRaster, without."""
+
+    def coverage(self) -> Texels:
+        """Return the texels whose square the surface touches."""
+        ...
+
+    def overlap(self) -> float:
+        """Return the share of covered texels whose centre lies inside more than one triangle."""
+        ...
+
+    def samples(self, texels: Texels, sample_at: tuple[float, float]) -> Samples:
+        """Return what lies under `texels`, in any order, at `sample_at` in [0, 1)^2 of their squares."""
+        ...
+
+
+def bands(width: int, height: int) -> list[tuple[int, int]]:
     """Cut a texture into runs of whole rows that are drawn at a time: the first row of each, and how many there are.
 
-    Each has at most `most` texels, or one row. The last may have fewer rows than the others, which have equally many.
+    Each has at most BAND_TEXELS texels, or one row. Only the last may have fewer rows than the first.
     """
-    rows = min(height, max(1, most // width))
+    rows = min(height, max(1, BAND_TEXELS // width))
     return [(row, min(rows, height - row)) for row in range(0, height, rows)]
 
 
@@ -59,3 +76,11 @@ def in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     row, column = np.divmod(index, width)
     across = -(-width // _BLOCK)
     return index[np.argsort(row // _BLOCK * across + column // _BLOCK, kind="stable")]
+
+
+def kept_inside(weights: Floats) -> Floats:
+    """Return all three weights, (n, 3), of points moved onto their face, from (2, n): those of the last two corners."""
+    second, third = np.maximum(weights, 0)
+    total = np.maximum(1, second + third)
+    second, third = second / total, third / total
+    return np.stack([np.maximum(1 - second - third, 0), second, third], axis=1)

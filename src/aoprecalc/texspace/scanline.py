@@ -7,7 +7,6 @@ from aoprecalc.model import Floats, Ints, Mask, Texels
 from aoprecalc.texspace.layout import Layout
 from aoprecalc.texspace.samples import (
     ASIDE,
-    BAND_TEXELS,
     BORDER_DEPTH,
     CENTER,
     DEEPEST,
@@ -17,6 +16,7 @@ from aoprecalc.texspace.samples import (
     Samples,
     bands,
     in_blocks,
+    kept_inside,
 )
 from aoprecalc.texspace.spans import Longs, counted_out, edge_squares, snap, triangle_spans
 
@@ -38,7 +38,7 @@ class ScanlineRaster:
     def __init__(self, layout: Layout) -> None:
         """Prepare what does not depend on where texels are sampled."""
         self.layout = layout
-        self._bands = bands(layout.width, layout.height, BAND_TEXELS)
+        self._bands = bands(layout.width, layout.height)
         a, b, c = layout.triangles.transpose(1, 2, 0)
         # Rows of one number for each triangle: where it starts, its two sides from there, and twice its area.
         self._triangles = np.stack([*a, *(b - a), *(c - a), _cross(b - a, c - a)])
@@ -87,7 +87,7 @@ class ScanlineRaster:
                     texel, number = piece[of_kind], seen[of_kind] & _NUMBER
                     faces[texel] = of[number]
                     square = _low_corners(*np.divmod(index[texel], layout.width))
-                    weights[texel] = _kept_inside(weigh(number, square, sample_at))
+                    weights[texel] = kept_inside(weigh(number, square, sample_at))
         return Samples(faces, weights)
 
     def _counts(self, row: int, rows: int) -> NDArray[np.int32]:
@@ -169,14 +169,6 @@ def _pulled_inward(along: Floats, inward: Floats) -> Floats:
     by_length = ASIDE / np.maximum(_length(inward), 1e-9)
     share: Floats = np.minimum(DEEPEST, np.minimum(by_height, by_length))
     return share
-
-
-def _kept_inside(weights: Floats) -> Floats:
-    """All three weights, (n, 3), from (2, n), the second and third, moved onto the face: see receive.comp.glsl."""
-    second, third = np.maximum(weights, 0)
-    total = np.maximum(1, second + third)
-    second, third = second / total, third / total
-    return np.stack([np.maximum(1 - second - third, 0), second, third], axis=1)
 
 
 def _low_corners(row: Ints | Longs, column: Ints | Longs) -> Floats:

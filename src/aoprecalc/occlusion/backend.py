@@ -1,0 +1,120 @@
+"""What a bake runs on: OpenGL, or rays where there is none or where they are asked for."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from aoprecalc.errors import RendererError, UsageError
+from aoprecalc.gl.context import Renderer, open_renderer
+from aoprecalc.occlusion.map_observer import MapObserver
+from aoprecalc.occlusion.observer import Observer
+from aoprecalc.occlusion.ray_observer import RayObserver
+from aoprecalc.options import BakeOptions
+from aoprecalc.progress import Progress
+from aoprecalc.rays import occluders
+from aoprecalc.surface.unit import UnitSurface
+from aoprecalc.texspace.layout import Layout
+from aoprecalc.texspace.raster import Raster
+from aoprecalc.texspace.samples import TexelSampler
+from aoprecalc.texspace.scanline import ScanlineRaster
+
+
+class Backend(Protocol):
+    """Makes the two things that differ: what samples texels, and what sees from the samples.
+
+    kind   gl or ray
+    name   of the OpenGL renderer, or of the ray tracer
+    """
+
+    kind: str
+    name: str
+
+    def sampler(self, layout: Layout) -> TexelSampler:
+        """Return what finds the surface under the texels of a layout."""
+        ...
+
+    def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
+        """Return what measures the visibility of `count` samples; only maps have a `shadow_size`."""
+        ...
+
+    def check(self) -> None:
+        """Raise RendererError if anything went wrong since the backend was opened."""
+        ...
+
+
+class MapBackend:
+    """Depth maps in an OpenGL context."""
+
+    kind = "gl"
+
+    def __init__(self, renderer: Renderer) -> None:
+        """Use a context for as long as it is open."""
+        self._renderer = renderer
+        self.name = renderer.name
+
+    def sampler(self, layout: Layout) -> TexelSampler:
+        """Return a Raster; raises UsageError for a texture beyond the renderer."""
+        self._hold("--size", max(layout.width, layout.height))
+        return Raster(self._renderer.context, layout)
+
+    def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
+        """Return a MapObserver; raises UsageError for maps beyond the renderer."""
+        self._hold("--shadow-size", shadow_size)
+        return MapObserver(self._renderer, surface, count, shadow_size)
+
+    def check(self) -> None:
+        """Raise RendererError where OpenGL reports an error."""
+        if self._renderer.context.error != "GL_NO_ERROR":
+            raise RendererError(f"{self.name} reported an error while rendering; use smaller sizes or another driver")
+
+    def _hold(self, option: str, size: int) -> None:
+        limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
+        if size > limit:
+            raise UsageError(f"{option} {size} is beyond this renderer ({self.name}); expected at most {limit}")
+
+
+class RayBackend:
+    """Rays on the processor; no OpenGL."""
+
+    kind = "ray"
+    name = "Embree"
+
+    def __init__(self, threads: int) -> None:
+        """Cast rays by `threads`, 0 is one a core. Raises RendererError where embreex is not installed."""
+        self._threads = threads
+        occluders.require()
+
+    def sampler(self, layout: Layout) -> TexelSampler:
+        """Return a ScanlineRaster."""
+        return ScanlineRaster(layout)
+
+    def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
+        """Return a RayObserver."""
+        return RayObserver(surface, self._threads)
+
+    def check(self) -> None:
+        """Find nothing wrong: rays raise their errors at once."""
+
+
+@contextmanager
+def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
+    """Open the backend that is asked for; auto is gl, else ray if it is installed, which is said.
+
+    Raises RendererError where there is none.
+    """
+    if options.backend == "ray":
+        yield RayBackend(options.threads)
+        return
+    try:
+        opening = open_renderer(options.threads)
+        renderer = opening.__enter__()
+    except RendererError as error:
+        if options.backend == "gl" or not occluders.installed():
+            raise
+        progress.note(f"rays are traced, slower than maps are drawn, as {error}")
+        yield RayBackend(options.threads)
+        return
+    try:
+        yield MapBackend(renderer)
+    finally:
+        opening.__exit__(None, None, None)

@@ -1,0 +1,70 @@
+"""From samples to the ambient occlusion of texels: the visibility of one group of axes after the other, summed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aoprecalc.model import Atlas, Doubles, Floats, Mask, Scene, Texels
+from aoprecalc.occlusion.axes import groups, texel_offset
+from aoprecalc.occlusion.estimate import estimate, sampling_error
+from aoprecalc.occlusion.observer import Observer
+from aoprecalc.options import BakeOptions
+from aoprecalc.progress import Progress
+from aoprecalc.texspace.places import places, surface_of_texel
+from aoprecalc.texspace.reconstruct import Reconstruction
+from aoprecalc.texspace.samples import TexelSampler
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What texels see.
+
+    values           (k,) float32 in [0, 1]: the mean over the part of each texel that the surface covers
+    measured         (k,) bool: texels that have a value
+    reconstruction   holds every sample's value at its place, for the picture of darkness (1 - value) that fits best
+    directions       how many were used
+    error            the estimated sampling error of `values`, RMS; None where one group of axes was used
+    """
+
+    values: Floats
+    measured: Mask
+    reconstruction: Reconstruction
+    directions: int
+    error: float | None
+
+
+def gather(
+    observer: Observer,
+    sampler: TexelSampler,
+    scene: Scene,
+    atlas: Atlas,
+    texels: Texels,
+    axes: Doubles,
+    options: BakeOptions,
+    progress: Progress,
+) -> Gathered:
+    """Gather along (a, 3) axes, or fewer where `options.target_error` is reached before.
+
+    Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart: half the RMS of
+    their difference is the estimate of the error (each half has twice the variance of the whole).
+    """
+    reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
+    stands_for = surface_of_texel(scene, atlas, texels)
+    halves = np.zeros((2, len(texels), 2))
+    used = [0, 0]  # directions of each half
+    error = None
+    for number, group in enumerate(groups(len(axes))):
+        samples = sampler.samples(texels, texel_offset(number))
+        sums = observer.look(samples, axes[group], progress)
+        count = 2 * (group.stop - group.start)
+        values, measured = estimate(sums, count, options.estimator)
+        weights = np.where(measured, sums[:, 1] * stands_for[samples.faces], 0.0)
+        reconstruction.add(places(atlas, texels, samples), 1.0 - values, weights)
+        halves[number % 2] += sums
+        used[number % 2] += count
+        if number % 2 or group.stop == len(axes):
+            error = sampling_error(halves, used, options.estimator)
+        if error is not None and options.target_error is not None and error <= options.target_error:
+            break
+    values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
+    return Gathered(np.clip(values, 0.0, 1.0).astype(np.float32), measured, reconstruction, sum(used), error)

@@ -1,0 +1,39 @@
+"""Visibility by near/far maps in OpenGL.
+
+The method is the source's (a shadow map for each direction, compared in texture space), with one pass for a direction
+and its opposite, and a comparison of planes instead of depths.
+"""
+
+import numpy as np
+
+from aoprecalc.gl.context import Renderer
+from aoprecalc.model import Doubles
+from aoprecalc.occlusion.near_far import NearFarMaps
+from aoprecalc.occlusion.projection import Projections, extreme_points, project
+from aoprecalc.occlusion.receivers import Receivers
+from aoprecalc.progress import Progress
+from aoprecalc.surface.unit import UnitSurface
+from aoprecalc.texspace.samples import Samples
+
+
+class MapObserver:
+    """An Observer that draws maps and reads them at the samples; see gather.comp.glsl."""
+
+    def __init__(self, renderer: Renderer, surface: UnitSurface, count: int, shadow_size: int) -> None:
+        """Make room for `count` samples and for maps of `shadow_size` texels a side."""
+        self._outline = extreme_points(surface.positions.astype(np.float64))
+        self._size = shadow_size
+        self._maps = NearFarMaps(renderer.context, surface.positions, surface.faces, shadow_size)
+        self._receivers = Receivers(renderer.context, surface, count)
+
+    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Doubles:
+        """Return the visibility sums of the samples, see Observer."""
+        self._receivers.place(samples)
+        projections = project(axes, self._outline, self._size)
+        for start in range(0, len(axes), self._maps.capacity):
+            batch = slice(start, start + self._maps.capacity)
+            self._maps.draw(Projections(projections.rows[batch], projections.pitch[batch]))
+            count = len(projections.rows[batch])
+            self._receivers.gather(self._maps, count)
+            progress.advance(2 * count)
+        return self._receivers.sums().astype(np.float64)

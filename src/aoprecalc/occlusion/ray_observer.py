@@ -1,0 +1,37 @@
+"""Visibility by tracing rays: slower than maps, exact, and without OpenGL."""
+
+import numpy as np
+
+from aoprecalc.model import Doubles
+from aoprecalc.progress import Progress
+from aoprecalc.rays.occluders import LIFT, Occluders
+from aoprecalc.surface.unit import UnitSurface
+from aoprecalc.texspace.samples import Samples
+
+
+class RayObserver:
+    """An Observer that casts a ray from every sample along every direction in front of it."""
+
+    def __init__(self, surface: UnitSurface, threads: int = 0) -> None:
+        """Build the occluders. Raises RendererError where embreex is not installed."""
+        self._surface = surface
+        self._occluders = Occluders(surface.positions, surface.faces, threads)
+
+    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Doubles:
+        """Return the visibility sums of the samples, see Observer."""
+        there = np.flatnonzero(samples.faces >= 0)
+        places, normals, geometric = self._surface.at(samples.faces[there], samples.weights[there])
+        origins = (places + LIFT * geometric).astype(np.float32)
+        visible, whole = np.zeros(len(there)), np.zeros(len(there))
+        for axis in axes:
+            in_front, cosine = geometric @ axis, normals @ axis
+            for direction, front in ((axis, in_front > 0), (-axis, in_front < 0)):
+                facing = np.flatnonzero(front & (cosine * np.sign(in_front) > 0))
+                weights = np.abs(cosine[facing])
+                hidden = self._occluders.hidden(origins[facing], direction[None].astype(np.float32))
+                whole[facing] += weights
+                visible[facing] += np.where(hidden, 0, weights)
+                progress.advance()
+        sums = np.zeros((len(samples.faces), 2))
+        sums[there] = np.column_stack([visible, whole])
+        return sums

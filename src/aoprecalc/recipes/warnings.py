@@ -1,0 +1,68 @@
+"""What the user should know about the result of a bake."""
+
+import numpy as np
+
+from aoprecalc.atlas.choose import MOST_OVERLAP
+from aoprecalc.atlas.gutter import first_unsafe_mip
+from aoprecalc.model import Baked, Scene
+from aoprecalc.options import BakeOptions
+from aoprecalc.surface.normals import area_vectors, face_directions
+from aoprecalc.surface.topology import topology
+
+_UNSEEN = 0.01  # share of texels without light from which on it is said
+
+
+def bake_warnings(scene: Scene, baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, ...]:
+    """Return one line for each thing; `overlap` is the share of texels that lie inside two faces."""
+    atlas, warnings = baked.atlas, []
+    if baked.directions % 2 or baked.directions - 1 == options.directions:
+        asked = f"{options.directions} were asked for"
+        warnings.append(f"{baked.directions} directions were used, as they come in pairs; {asked}")
+    warnings += _about_target(baked, options)
+    if overlap > MOST_OVERLAP:
+        warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
+    left_out = np.count_nonzero(face_directions(scene.corners)[1] & ~atlas.covers)
+    if left_out:
+        warnings.append(
+            f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
+        )
+    if (
+        atlas.gutter is not None
+        and atlas.gutter < options.padding
+        and first_unsafe_mip(atlas.gutter, options.padding) == 1
+    ):
+        warnings.append(
+            f"with {atlas.charts} charts there is room for gutters of {atlas.gutter} texels only; charts may mix from "
+            "mip level 1 on; a larger --size has more room"
+        )
+    return (*warnings, *_about_sides(scene, baked, options))
+
+
+def _about_target(baked: Baked, options: BakeOptions) -> list[str]:
+    if options.target_error is None or (baked.error is not None and baked.error <= options.target_error):
+        return []
+    if baked.error is None:
+        return ["the sampling error can be estimated from more than 128 directions on only; use more --directions"]
+    return [
+        f"the estimated sampling error is {baked.error:.4f} after {baked.directions} directions, more than the "
+        f"{options.target_error:g} asked for; use more --directions"
+    ]
+
+
+def _about_sides(scene: Scene, baked: Baked, options: BakeOptions) -> list[str]:
+    if options.two_sided:
+        return []
+    if topology(scene.faces).watertight and _volume(scene) < 0:
+        return ["the surface is closed and its faces look inwards: its inside was baked; turn them or use --two-sided"]
+    if baked.unseen < _UNSEEN:
+        return []
+    return [
+        f"{baked.unseen:.1%} of the texels see no direction and are 0: they lie inside other parts, touch them, or "
+        "face inwards (--two-sided takes the lighter side)"
+    ]
+
+
+def _volume(scene: Scene) -> float:
+    """Return six times the volume that a closed surface encloses, negative where its faces look inwards."""
+    corners = scene.corners - scene.positions.mean(axis=0)
+    return float(np.einsum("fx,fx->", corners[:, 0], area_vectors(corners)))

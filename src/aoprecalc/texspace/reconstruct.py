@@ -1,0 +1,115 @@
+"""The picture whose bilinear look-up comes nearest to what was measured, in the sense of least squares.
+
+A viewer does not read texels, it interpolates between four of them. The mean over a texel's square is a blurred value
+there, and beside a chart's border one of a point off the texel's centre; the error of both is of first order in the
+texel's size. Minimising the error of the look-up itself, weighted by the surface that each sample stands for, removes
+it, and gives a value to each texel that a look-up on the surface can touch, covered or not.
+(Idea: L. Kavan, A. W. Bargteil, P.-P. Sloan, "Least Squares Vertex Baking", 2011, there for values at vertices.)
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.model import Doubles, Floats, Mask
+
+Indices = NDArray[np.int64]
+
+# How much the picture that is improved counts beside one sample: it decides only where samples hardly reach a texel.
+# From 0.02 to 1 the errors on two meshes were the same to 1%.
+_PRIOR = 0.5
+_PRECISION = 1e-3  # of the solution: the residual over the first one
+_MOST_STEPS = 40
+
+# Neighbours (down, right) that a look-up can combine with a texel; the four others are their mirror images.
+_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+class Reconstruction:
+    """Collects measurements at places of a texture, and improves a picture to fit them."""
+
+    def __init__(self, width: int, height: int, *, wraps: bool) -> None:
+        """Start with no measurements; `wraps`: look-ups beyond an edge go round, else they stay at the edge."""
+        self._shape, self._wraps = (height, width), wraps
+        self._targets: Floats = np.zeros(self._shape, np.float32)
+        self._diagonal: Floats = np.zeros(self._shape, np.float32)
+        self._beside = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
+        self._weight, self._count = 0.0, 0
+
+    def add(self, places: Doubles, values: Doubles, weights: Doubles) -> None:
+        """Add measurements: (m, 2) places in texels (right, down), (m,) values and (m,) weights >= 0."""
+        used = weights > 0
+        places, values, weights = places[used], values[used], weights[used]
+        self._weight, self._count = self._weight + float(weights.sum()), self._count + len(weights)
+        taps = dict(self._taps(places))
+        for tap, (index, share) in taps.items():
+            self._scatter(self._targets, index, weights * share * values)
+            self._scatter(self._diagonal, index, weights * share * share)
+            for (down, right), plane in self._beside.items():
+                other = (tap[0] + down, tap[1] + right)
+                if other in taps:
+                    self._scatter(plane, index, weights * share * taps[other][1])
+
+    def touched(self) -> Mask:
+        """Return which texels a look-up at any of the places reads, (height, width)."""
+        mask: Mask = self._diagonal > 0
+        return mask
+
+    def improve(self, picture: Floats) -> Floats:
+        """Return the (height, width) float32 picture nearest to the measurements, by conjugate gradients.
+
+        Texels that no look-up reads stay as they are; where all measurements agree with `picture` so do the others.
+        """
+        if not self._count:
+            return picture
+        prior = np.float32(_PRIOR * self._weight / self._count)
+        diagonal = self._diagonal + prior
+        residual = self._targets - self._apply(picture, self._diagonal)
+        change = np.zeros_like(picture)
+        scaled = residual / diagonal
+        direction = scaled.copy()
+        power = first = _dot(residual, scaled)
+        for _ in range(_MOST_STEPS):
+            if power <= _PRECISION**2 * first:
+                break
+            response = self._apply(direction, diagonal)
+            step = np.float32(power / _dot(direction, response))
+            change += step * direction
+            residual -= step * response
+            scaled = residual / diagonal
+            power, before = _dot(residual, scaled), power
+            direction = scaled + np.float32(power / before) * direction
+        return picture + change
+
+    def _taps(self, places: Doubles) -> Iterator[tuple[tuple[int, int], tuple[Indices, Doubles]]]:
+        """Yield the four texels of a look-up: where each lies (down, right), its flat indices and its shares."""
+        height, width = self._shape
+        right, down = places[:, 0] - 0.5, places[:, 1] - 0.5
+        if not self._wraps:
+            right, down = np.clip(right, 0, width - 1), np.clip(down, 0, height - 1)
+        column, row = np.floor(right), np.floor(down)
+        if not self._wraps:  # at the last texel the look-up reads one before it, with no share
+            column, row = np.minimum(column, max(0, width - 2)), np.minimum(row, max(0, height - 2))
+        along, below = right - column, down - row
+        for lower in (0, 1):
+            for farther in (0, 1):
+                index = (row.astype(np.int64) + lower) % height * width + (column.astype(np.int64) + farther) % width
+                share = (below if lower else 1 - below) * (along if farther else 1 - along)
+                yield (lower, farther), (index, share)
+
+    def _scatter(self, plane: Floats, index: Indices, values: Doubles) -> None:
+        plane += np.bincount(index, values, minlength=plane.size).reshape(plane.shape)
+
+    def _apply(self, picture: Floats, diagonal: Floats) -> Floats:
+        """Multiply a picture by the symmetric matrix of the normal equations with this diagonal."""
+        result: Floats = diagonal * picture
+        for (down, right), plane in self._beside.items():
+            result += plane * np.roll(picture, (-down, -right), axis=(0, 1))
+            result += np.roll(plane * picture, (down, right), axis=(0, 1))
+        return result
+
+
+def _dot(a: Floats, b: Floats) -> float:
+    """Sum of products, in an order that no number of threads changes."""
+    return float((a * b).sum(dtype=np.float64))
