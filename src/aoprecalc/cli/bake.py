@@ -47,6 +47,7 @@ from aoprecalc.options import BakeOptions
 @click.option("--two-sided", is_flag=True, help="Take the lighter of a face's two sides.")
 @option("--target-error", of=BakeOptions, field="target_error", help="Stop once the estimated error is below.")
 @option("--threads", of=BakeOptions, field="threads", help="For software rendering; 0: all cores.")
+@click.option("--verify", is_flag=True, help="Measure the texture against ray tracing, for the report.")
 @click.option("--report", metavar="FILE", help="Write what was read, chosen and measured as JSON.")
 @common
 def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
@@ -58,7 +59,7 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
     from aoprecalc.files.reports import report_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    places = {name: given.pop(name) for name in ("output", "mesh_output", "report")}
+    places = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify")}
     as_json = given.pop("as_json")
     options = BakeOptions(width=size[0], height=size[1], **given)
     result = recipes.bake(mesh, **places, options=options, progress=console)
@@ -69,5 +70,8 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
     ao, texels = report["ao"], report["texels"]
     size_text = f"{texels['width']} x {texels['height']}"
     click.echo(f"{result.texture_path}  {size_text}, mean {ao['mean']:.3f}, {report['directions']} directions")
+    if report["verify"]:
+        error = report["verify"]["levels"][0]
+        click.echo(f"as rendered, against ray tracing: RMS error {error['rmse']:.4f}, 99% within {error['p99']:.4f}")
     others = "".join(f" + {name}" for name in report["outputs"]["others"])
     click.echo(f"{result.mesh_path}{others}  {report['input']['triangles']} triangles")

@@ -16,21 +16,25 @@ from aoprecalc.files import (
     choose_depth,
     load_scene,
     mesh_suffix,
+    read_image,
     source_files,
     write_baked_mesh,
     write_image,
 )
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
-from aoprecalc.model import Atlas, Baked, Scene
+from aoprecalc.measure.errors import Verified
+from aoprecalc.model import Atlas, Baked, Floats, Scene
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.backend import open_backend
 from aoprecalc.occlusion.gathering import gather
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
-from aoprecalc.options import BakeOptions
+from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
+from aoprecalc.rays import occluders
 from aoprecalc.recipes.report import bake_report
 from aoprecalc.recipes.stopwatch import Stopwatch
+from aoprecalc.recipes.verifying import verify_scene
 from aoprecalc.recipes.warnings import bake_warnings
 from aoprecalc.surface.normals import shading_normals
 from aoprecalc.surface.unit import UnitSurface
@@ -54,6 +58,7 @@ def bake(
     *,
     mesh_output: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
+    verify: bool = False,
     options: BakeOptions | None = None,
     progress: Progress | None = None,
 ) -> BakeResult:
@@ -62,6 +67,7 @@ def bake(
     output        the texture, or a folder (existing, or ending in /); by default <stem>_ao.png in the current folder
     mesh_output   the mesh with the texture's UVs; by default <stem>_ao.<ext> beside the texture
     report        a JSON file for the report
+    verify        measure the texture that was written against ray tracing, for the report
     Either all files appear, or none and InputError, UsageError, RendererError or OutputError is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()
@@ -69,6 +75,8 @@ def bake(
     watch = Stopwatch(progress)
     texture_path = output_place(output, f"{mesh.stem}_ao.png")
     choose_depth(texture_path, options.bit_depth)
+    if verify:
+        occluders.require()
     with Outputs() as outputs:
         outputs.protect([mesh])
         claim(outputs, output, texture_path)
@@ -84,11 +92,13 @@ def bake(
             claim(outputs, report, report_path)
         baked = bake_scene(scene, options, progress, watch)
         with watch.stage("write"):
-            write_image(outputs.path(texture_path), baked.texture.values, options.bit_depth)
+            written = outputs.path(texture_path)
+            write_image(written, baked.texture.values, options.bit_depth)
             notes = write_baked_mesh(outputs, mesh_path, scene, baked.atlas, baked.normals, texture_path)
         warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
+        verified = _verified(scene, baked, read_image(written), options, progress, watch) if verify else None
         places = {"texture": texture_path, "mesh": mesh_path}
-        document = bake_report(scene, baked, options, places, outputs.files, watch.seconds(), warnings)
+        document = bake_report(scene, baked, options, places, outputs.files, verified, watch.seconds(), warnings)
         if report_path is not None:
             write_report(outputs.path(report_path), document)
     for line in warnings:
@@ -146,6 +156,16 @@ def bake_scene(
         shadow_size=shadow_size if backend.kind == "gl" else None,
     )
     return replace(baked, warnings=bake_warnings(scene, baked, options, overlap))
+
+
+def _verified(
+    scene: Scene, baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch
+) -> Verified:
+    """Measure the picture that a bake has written."""
+    asked = VerifyOptions(estimator=options.estimator, two_sided=options.two_sided, threads=options.threads)
+    atlas = baked.atlas
+    with watch.stage("verify", asked.points * (2 if asked.two_sided else 1), "points"):
+        return verify_scene(scene, atlas.uvs, atlas.covers, atlas.wraps, baked.normals, picture, asked, progress)
 
 
 def _describe(atlas: Atlas, padding: int) -> str:

@@ -7,8 +7,10 @@ import numpy as np
 
 from aoprecalc import __version__
 from aoprecalc.atlas.gutter import first_unsafe_mip
+from aoprecalc.measure.errors import Verified
 from aoprecalc.model import Baked, Scene
 from aoprecalc.options import BakeOptions
+from aoprecalc.recipes.verify_report import verified_report
 from aoprecalc.surface.topology import topology
 
 SCHEMA = 1
@@ -20,6 +22,7 @@ def bake_report(
     options: BakeOptions,
     places: dict[str, Path],
     files: list[Path],
+    verified: Verified | None,
     seconds: dict[str, float],
     warnings: tuple[str, ...],
 ) -> dict[str, Any]:
@@ -60,6 +63,7 @@ def bake_report(
             "max": round(float(values.max()), 6),
             "unseen_share": round(baked.unseen, 6),
         },
+        "verify": None if verified is None else verified_report(verified),
         "seconds": seconds,
         "warnings": list(warnings),
     }
