@@ -1,7 +1,7 @@
 """Ambient occlusion of a mesh baked by Blender's Cycles on the CPU, for the interpreter that has `bpy`.
 
-    python benchmarks/cycles.py MESH.(obj|glb) -o OUT.exr [--size 1024] [--samples 64] [--margin 16]
-                                [--shading smooth|flat|file] [--json]
+    python benchmarks/cycles_bake.py MESH.(obj|glb) -o OUT.exr [--size 1024] [--samples 64] [--margin 16]
+                                     [--shading smooth|flat|file] [--json]
 
 The mesh is one that `aoprecalc bake` wrote, or any other of triangles with UVs. All its parts are baked onto the first
 UV set of a linear 32-bit EXR; the distance of occluders is unlimited, and nothing is denoised. The last line printed is
@@ -15,8 +15,6 @@ import sys
 import time
 from pathlib import Path
 
-# Blender's own module `cycles` must not be looked for in the folder of this script.
-sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
 try:
     import bpy
 except ModuleNotFoundError:

@@ -70,6 +70,8 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
     ao, texels = report["ao"], report["texels"]
     size_text = f"{texels['width']} x {texels['height']}"
     click.echo(f"{result.texture_path}  {size_text}, mean {ao['mean']:.3f}, {report['directions']} directions")
+    if options.target_error is not None and report["estimated_error"] is not None:
+        click.echo(f"estimated sampling error {report['estimated_error']:.4f}")
     if report["verify"]:
         error = report["verify"]["levels"][0]
         click.echo(f"as rendered, against ray tracing: RMS error {error['rmse']:.4f}, 99% within {error['p99']:.4f}")

@@ -9,6 +9,8 @@ import click
 
 from aoprecalc.options import RANGES
 
+_METAVARS = {"crease_angle": "DEG", "target_error": "E", "tolerance": "E"}
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -18,7 +20,7 @@ def option(*names: str, of: type, field: str, help: str) -> Callable[[Command], 
     hint = get_type_hints(of)[field]
     choices = [choice for choice in get_args(hint) if isinstance(choice, str)]
     kind = click.Choice(choices) if choices else _number(field, whole=float not in (hint, *get_args(hint)))
-    metavar = None if choices else "DEG" if field.endswith("angle") else "N"
+    metavar = None if choices else _METAVARS.get(field, "N")
     shown = default is not None
     return click.option(*names, field, default=default, show_default=shown, type=kind, metavar=metavar, help=help)
 

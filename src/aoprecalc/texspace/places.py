@@ -2,15 +2,19 @@
 
 import numpy as np
 
-from aoprecalc.model import Atlas, Doubles, Scene, Texels
+from aoprecalc.model import Atlas, Doubles, Floats, Scene, Texels
 from aoprecalc.surface.normals import area_vectors
 from aoprecalc.texspace.samples import Samples
 
 
-def places(atlas: Atlas, texels: Texels, samples: Samples) -> Doubles:
-    """Return where samples lie, (k, 2) float64 texels right and down; any place for those without a face."""
-    uvs = np.einsum("kc,kcx->kx", samples.weights, atlas.uvs[samples.faces])
-    where: Doubles = uvs * (texels.width, -texels.height) + (0.0, texels.height)
+def places(atlas: Atlas, texels: Texels, samples: Samples) -> Floats:
+    """Return where samples lie, (k, 2) float32 texels right and down; any place for those without a face."""
+    corners = (atlas.uvs * (texels.width, -texels.height) + (0.0, texels.height)).astype(np.float32)
+    # From the first corner along both sides: half the time of a sum over three corners.
+    sides = corners[:, 1:] - corners[:, :1]
+    where: Floats = np.take(corners[:, 0], samples.faces, axis=0)
+    where += samples.weights[:, 1:2] * np.take(sides[:, 0], samples.faces, axis=0)
+    where += samples.weights[:, 2:3] * np.take(sides[:, 1], samples.faces, axis=0)
     return where
 
 

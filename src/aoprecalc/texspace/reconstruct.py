@@ -37,19 +37,21 @@ class Reconstruction:
         self._beside = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
 
-    def add(self, places: Doubles, values: Doubles, weights: Doubles) -> None:
-        """Add measurements: (m, 2) places in texels (right, down), (m,) values and (m,) weights >= 0."""
+    def add(self, places: Floats, values: Doubles, weights: Doubles) -> None:
+        """Add measurements: (m, 2) float32 places in texels (right, down), (m,) values and (m,) weights >= 0."""
         used = weights > 0
-        places, values, weights = places[used], values[used], weights[used]
+        if not used.all():
+            places, values, weights = places[used], values[used], weights[used]
         self._weight, self._count = self._weight + float(weights.sum()), self._count + len(weights)
         taps = dict(self._taps(places))
         for tap, (index, share) in taps.items():
-            self._scatter(self._targets, index, weights * share * values)
-            self._scatter(self._diagonal, index, weights * share * share)
+            weighted = weights * share
+            self._scatter(self._targets, index, weighted * values)
+            self._scatter(self._diagonal, index, weighted * share)
             for (down, right), plane in self._beside.items():
                 other = (tap[0] + down, tap[1] + right)
                 if other in taps:
-                    self._scatter(plane, index, weights * share * taps[other][1])
+                    self._scatter(plane, index, weighted * taps[other][1])
 
     def touched(self) -> Mask:
         """Return which texels a look-up at any of the places reads, (height, width)."""
@@ -82,21 +84,26 @@ class Reconstruction:
             direction = scaled + np.float32(power / before) * direction
         return picture + change
 
-    def _taps(self, places: Doubles) -> Iterator[tuple[tuple[int, int], tuple[Indices, Doubles]]]:
+    def _taps(self, places: Floats) -> Iterator[tuple[tuple[int, int], tuple[Indices, Floats]]]:
         """Yield the four texels of a look-up: where each lies (down, right), its flat indices and its shares."""
         height, width = self._shape
-        right, down = places[:, 0] - 0.5, places[:, 1] - 0.5
+        half = np.float32(0.5)
+        right, down = places[:, 0] - half, places[:, 1] - half
         if not self._wraps:
             right, down = np.clip(right, 0, width - 1), np.clip(down, 0, height - 1)
         column, row = np.floor(right), np.floor(down)
-        if not self._wraps:  # at the last texel the look-up reads one before it, with no share
-            column, row = np.minimum(column, max(0, width - 2)), np.minimum(row, max(0, height - 2))
         along, below = right - column, down - row
+        first = column.astype(np.int64), row.astype(np.int64)
+        if self._wraps:
+            columns, rows = ((at % size, (at + 1) % size) for at, size in zip(first, (width, height), strict=True))
+        else:  # at the last texel the look-up reads nothing beyond it
+            columns, rows = (
+                (at, np.minimum(at + 1, size - 1)) for at, size in zip(first, (width, height), strict=True)
+            )
         for lower in (0, 1):
             for farther in (0, 1):
-                index = (row.astype(np.int64) + lower) % height * width + (column.astype(np.int64) + farther) % width
                 share = (below if lower else 1 - below) * (along if farther else 1 - along)
-                yield (lower, farther), (index, share)
+                yield (lower, farther), (rows[lower] * width + columns[farther], share)
 
     def _scatter(self, plane: Floats, index: Indices, values: Doubles) -> None:
         plane += np.bincount(index, values, minlength=plane.size).reshape(plane.shape)

@@ -1,0 +1,152 @@
+"""How right textures are as rendered, and what it costs: the table of the README.
+
+    python benchmarks/fidelity.py [--blender PYTHON] [--only NAME ...] [--readme]
+
+Bakes the meshes of ../shared/meshes that are there (else a torus made here) with both backends and, if an interpreter
+that has `bpy` is named, with Blender's Cycles, smooth and flat; measures every texture with `aoprecalc verify`; writes
+benchmarks/results/fidelity.json, in which a run with --only replaces only its own rows, and with --readme the table
+between the marks in README.md.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from aoprecalc.files import load_scene, read_image
+from aoprecalc.measure.lookup import bilinear
+from aoprecalc.measure.points import spread_points
+
+ROOT = Path(__file__).resolve().parents[1]
+MESHES = ROOT.parent / "shared" / "meshes"
+RESULTS = ROOT / "benchmarks" / "results" / "fidelity.json"
+MARKS = "<!-- fidelity: made by benchmarks/fidelity.py -->", "<!-- end of fidelity -->"
+AUTHORED = MESHES / "jerry_ogre" / "ao_rest.png"
+
+# name, mesh, size, shading, tools
+CASES = [
+    ("ogre", "jerry_ogre/bs_rest.obj", 1024, "smooth", ("gl", "ray", "cycles")),
+    ("ogre", "jerry_ogre/bs_rest.obj", 1024, "flat", ("gl", "ray", "cycles")),
+    ("bigguy", "bigguy.obj", 1024, "smooth", ("gl", "ray", "cycles")),
+    ("bigguy", "bigguy.obj", 1024, "flat", ("gl", "ray", "cycles")),
+    ("bunny", "stanford-bunny.obj", 1024, "smooth", ("gl", "ray", "cycles")),
+    ("spot", "spot.obj", 1024, "smooth", ("gl", "ray")),
+    ("fruit fly", "fruitfly_assembled_welded.ply", 4096, "smooth", ("gl",)),
+]
+CYCLES_SAMPLES = 64
+
+
+def main() -> None:
+    """Measure what is asked for, print a line each, and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--blender", metavar="PYTHON", help="an interpreter that has bpy")
+    parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="meshes, or mesh/shading/tool")
+    parser.add_argument("--readme", action="store_true", help="write the table into README.md")
+    given = parser.parse_args()
+    rows = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, path, size, shading, tools in CASES if MESHES.exists() else [made(Path(folder))]:
+            for tool in tools:
+                key = f"{name}/{shading}/{tool}"
+                if given.only and not any(key == only or name == only for only in given.only):
+                    continue
+                if tool == "cycles" and not given.blender:
+                    print(f"{key}: no interpreter with bpy was named")
+                    continue
+                row = measure(name, MESHES / path, size, shading, tool, given.blender, Path(folder))
+                rows = [old for old in rows if old["key"] != key] + [row]
+                print(f"{key:24} {row['seconds']:7.1f} s  rmse {row['rmse']:.4f}  p99 {row['p99']:.4f}", flush=True)
+    order = [f"{name}/{shading}/{tool}" for name, _, _, shading, tools in CASES for tool in tools]
+    rows.sort(key=lambda row: order.index(row["key"]) if row["key"] in order else len(order))
+    RESULTS.write_text(json.dumps({"rows": rows}, indent=2) + "\n")
+    if given.readme:
+        readme = ROOT / "README.md"
+        before, _, rest = readme.read_text().partition(MARKS[0])
+        after = rest.partition(MARKS[1])[2]
+        readme.write_text(f"{before}{MARKS[0]}\n{table(rows)}\n{MARKS[1]}{after}")
+
+
+def made(folder: Path) -> tuple[str, Path, int, str, tuple[str, ...]]:
+    """Make a mesh where there is none to measure."""
+    path = folder / "torus.ply"
+    trimesh.creation.torus(1.0, 0.4, major_sections=96, minor_sections=48).export(path)
+    return "torus", path, 1024, "smooth", ("gl", "ray")
+
+
+def measure(
+    name: str, mesh: Path, size: int, shading: str, tool: str, blender: str | None, folder: Path
+) -> dict[str, object]:
+    """Bake with one tool and return its row."""
+    place = folder / f"{name}-{shading}"
+    place.mkdir(exist_ok=True)
+    normals = "flat" if shading == "flat" else "auto"
+    backend = "gl" if tool == "cycles" else tool
+    done = list(place.glob("*_ao.obj")) + list(place.glob("*_ao.ply"))
+    if tool != "cycles" or not done:
+        words = ["bake", mesh, "-o", f"{place}/", "--size", size, "--normals", normals, "--backend", backend, "--json"]
+        start = time.perf_counter()
+        report = json.loads(aoprecalc(*words))
+        row = {"seconds": time.perf_counter() - start, "directions": report["directions"]}
+    baked = next(iter([*place.glob("*_ao.obj"), *place.glob("*_ao.ply")]))
+    texture = baked.with_suffix(".png")
+    label = f"aoprecalc, {tool}"
+    if tool == "cycles":
+        texture = place / "cycles.exr"
+        script = ROOT / "benchmarks" / "cycles_bake.py"
+        words = [blender, script, baked, "-o", texture, "--size", size, "--samples", CYCLES_SAMPLES, "--json"]
+        told = json.loads(run(*words).splitlines()[-1])
+        label, row = f"{told['tool']}, {told['samples']} samples", {"seconds": told["seconds"]}
+    found = json.loads(aoprecalc("verify", baked, "--texture", texture, "--json"))
+    levels = found["levels"]
+    row |= {"key": f"{name}/{shading}/{tool}", "mesh": name, "triangles": found["input"]["triangles"], "size": size}
+    row |= {"shading": shading, "tool": label, **{key: levels[0][key] for key in levels[0] if key != "level"}}
+    row |= {"mip1": levels[1]["rmse"], "mip2": levels[2]["rmse"]}
+    if name == "ogre" and AUTHORED.exists():
+        row["r"] = correlation(baked, read_image(texture), read_image(AUTHORED))
+    return row
+
+
+def correlation(mesh: Path, ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Return Pearson's r of two textures at points uniform on the surface."""
+    scene = load_scene(mesh)
+    points = spread_points(scene, np.ones(len(scene.faces), bool), 20_000, 0)
+    places = points.at(scene.uvs)
+    return float(np.corrcoef(*(bilinear(picture, places, repeats=False) for picture in (ours, theirs)))[0, 1])
+
+
+def table(rows: list[dict[str, object]]) -> str:
+    """Lay the rows out in Markdown."""
+    lines = [
+        "| mesh | triangles | texels | shading | baked by | seconds | RMSE | p50 | p95 | p99 | mip 1 | mip 2 |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        errors = " | ".join(f"{row[name]:.4f}" for name in ("rmse", "p50", "p95", "p99", "mip1", "mip2"))
+        lines.append(
+            f"| {row['mesh']} | {row['triangles']:,} | {row['size']}² | {row['shading']} | {row['tool']} | "
+            f"{row['seconds']:.1f} | {errors} |"
+        )
+    return "\n".join(lines)
+
+
+def aoprecalc(*words: object) -> str:
+    """Run the command line; return its standard output."""
+    return run(sys.executable, "-m", "aoprecalc", *words, "-q")
+
+
+def run(*words: object) -> str:
+    """Run a program; return its standard output."""
+    done = subprocess.run([str(word) for word in words], capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(done.stderr or done.stdout)
+    return done.stdout
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""What seams cost in coarse mip levels: the error of a texture's levels beside that of a seam-free ideal.
+
+    python benchmarks/seams.py MESH_WITH_AO ...
+
+The ideal is ray tracing at the centre of every texel, box-filtered over the texels of the looked-up point's own chart
+alone, so that neither gutters nor other charts get into it. What is left of its error is resolution.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from aoprecalc.files import find_occlusion, load_scene
+from aoprecalc.measure.errors import errors_at_levels, summarise
+from aoprecalc.measure.points import SurfacePoints, spread_points
+from aoprecalc.measure.reference import reference
+from aoprecalc.model import Atlas
+from aoprecalc.options import VerifyOptions
+from aoprecalc.progress import Progress
+from aoprecalc.surface.normals import face_directions, shading_normals
+from aoprecalc.surface.topology import islands
+from aoprecalc.texspace.layout import corner_ids, lay_out
+from aoprecalc.texspace.scanline import ScanlineRaster
+
+LEVELS = 3
+TEXEL_RAYS = 256  # many texels are averaged, so that few rays do
+
+
+def main() -> None:
+    """Print a line for each mesh and level."""
+    results = []
+    for name in sys.argv[1:]:
+        results += compare(Path(name))
+        for row in results[-LEVELS:]:
+            print(f"{row['mesh']:24} level {row['level']}  rmse {row['rmse']:.4f}  seam-free {row['ideal']:.4f}  "
+                  f"difference {row['rmse'] - row['ideal']:+.4f}", flush=True)  # fmt: skip
+    (Path(__file__).parent / "results" / "seams.json").write_text(json.dumps({"rows": results}, indent=2) + "\n")
+
+
+def compare(path: Path) -> list[dict[str, object]]:
+    """Return a row for each level of one mesh's texture."""
+    scene = load_scene(path)
+    found = find_occlusion(scene)
+    covers = face_directions(scene.corners)[1]
+    normals = shading_normals(scene)
+    points = spread_points(scene, covers, 20_000, 0)
+    truth = reference(scene, normals, points, VerifyOptions(), Progress())
+    places = points.at(found.uvs)
+    errors = errors_at_levels(found.values, places, truth, repeats=False, levels=LEVELS)
+
+    charts = np.full(len(scene.faces), -1)
+    charts[covers] = islands(corner_ids(scene.faces[covers], found.uvs[covers]))
+    height, width = found.values.shape
+    raster = ScanlineRaster(lay_out(scene, Atlas("keep", found.uvs, covers, 0), width, height))
+    texels = raster.coverage()
+    samples = raster.samples(texels, (0.5, 0.5))
+    there = samples.faces >= 0
+    index, faces = texels.index[there], samples.faces[there]
+    at_texels = SurfacePoints(faces, samples.weights[there].astype(float))
+    values = reference(scene, normals, at_texels, VerifyOptions(rays=TEXEL_RAYS), Progress())
+    rows = []
+    for level, error in enumerate(errors):
+        size = (width >> level, height >> level)
+        ideal = look_up(index, values, charts[faces], places, charts[points.faces], size, level, width)
+        rows.append({"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": summarise(ideal - truth).rmse})
+    return rows
+
+
+def look_up(index, values, texel_charts, places, charts, size, level, width) -> np.ndarray:
+    """Look places up in a mip level that holds, for each chart apart, the mean of its own texels in each box."""
+    box = (index // width >> level) * size[0] + (index % width >> level)
+    keys, inverse = np.unique(texel_charts.astype(np.int64) * size[0] * size[1] + box, return_inverse=True)
+    means = np.bincount(inverse, values) / np.bincount(inverse)
+    x, y = places[:, 0] * size[0] - 0.5, (1 - places[:, 1]) * size[1] - 0.5
+    column, row = np.floor(x).astype(int), np.floor(y).astype(int)
+    total, weight = np.zeros(len(places)), np.zeros(len(places))
+    for right in (0, 1):
+        for down in (0, 1):
+            share = np.abs(1 - right - (x - column)) * np.abs(1 - down - (y - row))
+            cell = np.clip(row + down, 0, size[1] - 1) * size[0] + np.clip(column + right, 0, size[0] - 1)
+            key = charts.astype(np.int64) * size[0] * size[1] + cell
+            at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+            found = keys[at] == key
+            total += np.where(found, share * means[at], 0)
+            weight += np.where(found, share, 0)
+    return total / np.maximum(weight, 1e-12)
+
+
+if __name__ == "__main__":
+    main()
