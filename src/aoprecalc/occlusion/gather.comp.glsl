@@ -5,12 +5,11 @@
 //   the receiver's   Q rises above the plane through P at right angles to the geometric normal g;
 //   the occluder's   where the plane through Q passes P's place in the map it is nearer to the light than P.
 // Of two faces that meet, the first is exact beside a ridge and the second beside a valley, whatever their slopes; a face
-// never hides itself. So no bias has to be chosen: the tolerances are those of the arithmetic and of the map's code.
+// never hides itself. So no bias has to be chosen: the tolerances are those of the arithmetic, of the map's code, and of
+// the grid to which vertices are moved, by which an occluder may be off sideways.
 
 #include "octahedral.glsl"
 #include "map_code.glsl"
-
-const float SNAP = 1.0 / 128.0;  // map texels by which an occluder may be moved sideways: two steps of the vertices' grid
 
 layout(local_size_x = LOCAL_SIZE) in;
 
@@ -55,7 +54,7 @@ void main() {
         float rise = dot(slope, aside) + abs(g_along) * before;
         float nearer = before - towards * dot(occluder.yz, aside);
         bool hidden = occluder.x > NOTHING
-            && rise > ROUNDING + dot(abs(slope), pitch) * SNAP
+            && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
             && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));
 
         sum += vec2(hidden ? 0.0 : weight, weight);

@@ -9,6 +9,7 @@ from aoprecalc.model import Floats, Ints
 from aoprecalc.occlusion.projection import Projections
 
 MOST_AXES = 64  # of one batch
+GRID = 256  # steps a map texel to which vertices are moved: rasterisers do it, and doing it first makes all tiles equal
 _TARGET_BYTES = 1 << 25  # of one batch of maps
 _CELL_BYTES = 8  # two 32-bit floats
 _AXIS_BYTES = 80  # five rows of four 32-bit floats
@@ -34,7 +35,7 @@ class NearFarMaps:
             raise UsageError(f"--shadow-size {size} is beyond this renderer; use a smaller one, or auto") from error
         self.axes = context.buffer(reserve=MOST_AXES * _AXIS_BYTES)
         self._program = draw_program(
-            context, __package__, "near_far.vert.glsl", "near_far.frag.glsl", MOST_AXES=MOST_AXES
+            context, __package__, "near_far.vert.glsl", "near_far.frag.glsl", MOST_AXES=MOST_AXES, GRID=float(GRID)
         )
         self._program["target_size"] = shape
         self._mesh = context.vertex_array(

@@ -1,7 +1,5 @@
 // Occluders seen along several axes at once: one instance an axis, one tile of the target an instance.
 
-const float GRID = 256.0;  // rasterisers snap to it; snapping first makes a map the same in every tile
-
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
 
 uniform vec2 target_size;  // map texels

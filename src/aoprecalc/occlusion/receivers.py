@@ -7,7 +7,7 @@ import numpy as np
 
 from aoprecalc.gl.programs import compute_program
 from aoprecalc.model import Floats
-from aoprecalc.occlusion.near_far import MOST_AXES, NearFarMaps
+from aoprecalc.occlusion.near_far import GRID, MOST_AXES, NearFarMaps
 from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.samples import Samples
 
@@ -33,7 +33,7 @@ class Receivers:
 
     def __init__(self, context: moderngl.Context, surface: UnitSurface, count: int) -> None:
         """Upload the surface, and make room for `count` receivers."""
-        constants = {"LOCAL_SIZE": _LOCAL_SIZE, "NO_FACE": _NO_FACE, "MOST_AXES": MOST_AXES}
+        constants = {"LOCAL_SIZE": _LOCAL_SIZE, "NO_FACE": _NO_FACE, "MOST_AXES": MOST_AXES, "GRID": float(GRID)}
         self._context = context
         self._receive = compute_program(context, __package__, "receive.comp.glsl", **constants)
         self._gather = compute_program(context, __package__, "gather.comp.glsl", **constants)
