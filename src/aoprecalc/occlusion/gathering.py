@@ -58,7 +58,8 @@ def gather(
         sums = observer.look(samples, axes[group], progress)
         count = 2 * (group.stop - group.start)
         values, measured = estimate(sums, count, options.estimator)
-        weights = np.where(measured, sums[:, 1] * stands_for[samples.faces], 0.0)
+        counts_for = sums[:, 1] if options.estimator == "ratio" else float(count)  # as in the sum of all groups
+        weights = np.where(measured, counts_for * stands_for[samples.faces], 0.0)
         reconstruction.add(places(atlas, texels, samples), 1.0 - values, weights)
         halves[number % 2] += sums
         used[number % 2] += count
