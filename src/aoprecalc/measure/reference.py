@@ -9,6 +9,7 @@ from aoprecalc.model import Doubles, Floats, Scene
 from aoprecalc.options import Estimator, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.rays.occluders import LIFT, Occluders
+from aoprecalc.surface.frames import perpendiculars
 from aoprecalc.surface.unit import UnitSurface
 
 _BLOCK = 1 << 20  # rays cast at a time: some 60 MB
@@ -78,20 +79,7 @@ def _hemispheres(normals: Doubles, rays: int, rng: np.random.Generator) -> Float
     height = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)  # 1 - cos^2
     turn = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
     radius = np.sqrt(height)
+    frames = np.stack([*perpendiculars(normals), normals], axis=1)
     local = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(np.maximum(1 - height, 0))], axis=2)
-    directions: Floats = np.matmul(local, _frames(normals).astype(np.float32))
+    directions: Floats = np.matmul(local, frames.astype(np.float32))
     return directions
-
-
-def _frames(normals: Doubles) -> Doubles:
-    """Return (m, 3, 3) right-handed orthonormal frames whose third rows are the unit normals.
-
-    (T. Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.)
-    """
-    x, y, z = normals.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.column_stack([1 + sign * x * x * a, sign * b, -sign * x])
-    second = np.column_stack([b, sign + y * y * a, -y])
-    return np.stack([first, second, normals], axis=1)

@@ -1,7 +1,7 @@
 """What a bake runs on: OpenGL, or rays where there is none or where they are asked for."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
 from aoprecalc.errors import RendererError, UsageError
@@ -102,19 +102,17 @@ def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
 
     Raises RendererError where there is none.
     """
+    with ExitStack() as stack:
+        yield _choose(options, progress, stack)
+
+
+def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backend:
     if options.backend == "ray":
-        yield RayBackend(options.threads)
-        return
+        return RayBackend(options.threads)
     try:
-        opening = open_renderer(options.threads)
-        renderer = opening.__enter__()
+        return MapBackend(stack.enter_context(open_renderer(options.threads)))
     except RendererError as error:
         if options.backend == "gl" or not occluders.installed():
             raise
-        progress.note(f"rays are traced, slower than maps are drawn, as {error}")
-        yield RayBackend(options.threads)
-        return
-    try:
-        yield MapBackend(renderer)
-    finally:
-        opening.__exit__(None, None, None)
+        progress.note(f"rays are traced, which takes longer than maps: {error}")
+        return RayBackend(options.threads)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from aoprecalc.model import Doubles
+from aoprecalc.surface.frames import perpendiculars
 
 _TURNS = 16  # rotations about the axis that are tried for the tightest rectangle
 _MARGIN = 1.0  # empty map texels around the occluders, so that no rounding draws into a neighbour's tile
@@ -39,7 +40,7 @@ def extreme_points(positions: Doubles) -> Doubles:
 
 def project(axes: Doubles, outline: Doubles, size: int) -> Projections:
     """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3)."""
-    across, upward = _frames(axes)
+    across, upward = perpendiculars(axes)
     longest = np.linalg.svd(outline - outline.mean(axis=0), full_matrices=False)[2][0]
     along_longest = np.arctan2(upward @ longest, across @ longest)  # which makes a needle's map as thin as the needle
     turns = [np.full(len(axes), turn) for turn in np.arange(_TURNS) * (np.pi / 2 / _TURNS)]
@@ -63,14 +64,3 @@ def project(axes: Doubles, outline: Doubles, size: int) -> Projections:
         rows[better, :2, 3] = (size / 2 - middle / step)[better]
     rows[:, 2, :3] = axes
     return Projections(rows, pitch)
-
-
-def _frames(axes: Doubles) -> tuple[Doubles, Doubles]:
-    """Two unit vectors at right angles to each axis and to each other (J. R. Frisvad, 2012; T. Duff et al., 2017)."""
-    x, y, z = axes.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    across = np.column_stack([1.0 + sign * x * x * a, sign * b, -sign * x])
-    upward = np.column_stack([b, sign + y * y * a, -y])
-    return across, upward
