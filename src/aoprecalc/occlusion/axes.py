@@ -14,7 +14,7 @@ from aoprecalc.options import Sampling
 GROUP = 64  # axes that share a sub-texel offset; also the runs that are even by themselves
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 _TURN = 0.137  # of a whole one: keeps the first axes away from the planes in which people model
-_PLASTIC = 1.324717957244746  # of R2, the sequence for offsets (M. Roberts, "Quasirandom sequences", 2018)
+_PLASTIC = 1.324717957244746  # of R2, the sequence for offsets
 _MOST_STRIDES = 400
 
 
@@ -37,8 +37,14 @@ def groups(count: int) -> list[slice]:
 
 
 def texel_offset(group: int) -> tuple[float, float]:
-    """Return where in a texel's unit square the samples of group number `group` lie; the first at its centre."""
-    return (0.5 + group / _PLASTIC) % 1.0, (0.5 + group / _PLASTIC**2) % 1.0
+    """Return where in a texel's unit square the samples of group number `group` lie; the first at its centre.
+
+    Even and odd groups each follow the R2 sequence (M. Roberts, "Quasirandom sequences", 2018), the odd ones moved
+    aside, so that either half of the groups covers the square by itself.
+    """
+    pair, odd = divmod(group, 2)
+    right, down = 0.5 + pair / _PLASTIC + odd * _GOLDEN, 0.5 + pair / _PLASTIC**2 + odd * _GOLDEN**2
+    return right % 1.0, down % 1.0
 
 
 def _lattice(index: NDArray[np.int64], count: int) -> Doubles:

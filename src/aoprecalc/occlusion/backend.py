@@ -112,7 +112,9 @@ def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backe
     try:
         return MapBackend(stack.enter_context(open_renderer(options.threads)))
     except RendererError as error:
-        if options.backend == "gl" or not occluders.installed():
+        if options.backend == "gl":
             raise
+        if not occluders.installed():
+            raise RendererError(f"{error}; or `pip install 'aoprecalc[ray]'`, which traces rays instead") from error
         progress.note(f"rays are traced, which takes longer than maps: {error}")
         return RayBackend(options.threads)

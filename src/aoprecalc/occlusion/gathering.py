@@ -45,8 +45,8 @@ def gather(
 ) -> Gathered:
     """Gather along (a, 3) axes, or fewer where `options.target_error` is reached before.
 
-    Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart: half the RMS of
-    their difference is the estimate of the error (each half has twice the variance of the whole).
+    Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
+    difference tells the error.
     """
     reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
     stands_for = surface_of_texel(scene, atlas, texels)
