@@ -44,18 +44,28 @@ void main() {
         float towards = g_along > 0.0 ? 1.0 : -1.0;  // the end of the axis from which light comes
 
         vec2 map = vec2(dot(across, point), dot(upward, point));
-        vec2 cell = floor(map);
-        vec2 ends = texelFetch(maps, ivec2(cell + rows[axis + 4].xy), 0).rg;
-        vec3 occluder = mapDecode(towards > 0.0 ? ends.x : ends.y);
-
-        vec2 aside = (cell + 0.5 - map) * pitch;
-        float before = occluder.x - towards * dot(along, point);
+        vec2 tile = rows[axis + 4].xy, cell = floor(map);
+        float depth = dot(along, point);
         vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * pitch;
-        float rise = dot(slope, aside) + abs(g_along) * before;
-        float nearer = before - towards * dot(occluder.yz, aside);
-        bool hidden = occluder.x > NOTHING
-            && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
-            && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));
+
+        // Where the point lies before all that the map holds there, its own surface ends between it and the centre of the
+        // map texel. Then the next texel on its side tells what there is.
+        vec2 beyond = mix(vec2(-1.0), vec2(1.0), greaterThanEqual(map, cell + 0.5));
+        bool hidden = false;
+        for (int turn = 0; turn < 4; turn++) {
+            vec2 read = cell + beyond * vec2(turn == 1 || turn == 2, turn == 1 || turn == 3);
+            vec2 ends = texelFetch(maps, ivec2(read + tile), 0).rg;
+            vec3 occluder = mapDecode(towards > 0.0 ? ends.x : ends.y);
+            vec2 aside = (read + 0.5 - map) * pitch;
+            float before = occluder.x - towards * depth;
+            float rise = dot(slope, aside) + abs(g_along) * before;
+            float nearer = before - towards * dot(occluder.yz, aside);
+            bool known = occluder.x > NOTHING && nearer > -length(pitch);
+            hidden = known
+                && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
+                && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));
+            if (known) break;
+        }
 
         sum += vec2(hidden ? 0.0 : weight, weight);
     }

@@ -41,6 +41,8 @@ from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.finish import finish, lighter, paint
 from aoprecalc.texspace.layout import lay_out
 
+_UNSEEN = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
+
 
 @dataclass(frozen=True, eq=False)
 class BakeResult:
@@ -150,7 +152,7 @@ def bake_scene(
         normals=normals,
         directions=max(side.directions for side in seen),
         error=max((side.error for side in seen if side.error is not None), default=None),
-        unseen=float(np.all([side.values == 0 for side in seen], axis=0).mean()),
+        unseen=float(np.all([side.values < _UNSEEN for side in seen], axis=0).mean()),
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,

@@ -6,7 +6,7 @@ from aoprecalc.atlas.choose import MOST_OVERLAP
 from aoprecalc.atlas.gutter import first_unsafe_mip
 from aoprecalc.model import Baked, Scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.surface.normals import area_vectors, face_directions
+from aoprecalc.surface.normals import area_vectors, face_directions, geometric_normals
 from aoprecalc.surface.topology import topology
 
 _UNSEEN = 0.01  # share of texels without light from which on it is said
@@ -50,19 +50,20 @@ def _about_target(baked: Baked, options: BakeOptions) -> list[str]:
 
 
 def _about_sides(scene: Scene, baked: Baked, options: BakeOptions) -> list[str]:
-    if options.two_sided:
-        return []
-    if topology(scene.faces).watertight and _volume(scene) < 0:
+    if not options.two_sided and topology(scene.faces).watertight and _volume(scene, baked) < 0:
         return ["the surface is closed and its faces look inwards: its inside was baked; turn them or use --two-sided"]
     if baked.unseen < _UNSEEN:
         return []
-    return [
-        f"{baked.unseen:.1%} of the texels see no direction and are 0: they lie inside other parts, touch them, or "
-        "face inwards (--two-sided takes the lighter side)"
-    ]
+    why = (
+        "they lie inside other parts or touch them"
+        if options.two_sided
+        else ("they lie inside other parts, touch them, or face inwards (--two-sided takes the lighter side)")
+    )
+    return [f"{baked.unseen:.1%} of the texels see next to no direction: {why}"]
 
 
-def _volume(scene: Scene) -> float:
-    """Return six times the volume that a closed surface encloses, negative where its faces look inwards."""
+def _volume(scene: Scene, baked: Baked) -> float:
+    """Return three times the volume that a closed surface encloses, negative where its faces look inwards."""
     corners = scene.corners - scene.positions.mean(axis=0)
-    return float(np.einsum("fx,fx->", corners[:, 0], area_vectors(corners)))
+    areas = np.linalg.norm(area_vectors(corners), axis=1) / 2
+    return float(np.einsum("fx,fx,f->", corners[:, 0], geometric_normals(scene, baked.normals), areas))

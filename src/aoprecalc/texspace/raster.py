@@ -5,6 +5,7 @@ import numpy as np
 
 from aoprecalc.gl.programs import draw_program
 from aoprecalc.model import Floats, Texels
+from aoprecalc.texspace.insets import least_weights, off_borders
 from aoprecalc.texspace.layout import Layout
 from aoprecalc.texspace.samples import BORDER_RULES, CENTER, GRID, Samples, bands, in_blocks, kept_inside
 
@@ -23,6 +24,7 @@ class Raster:
         """Upload the layout; what is made lives as long as the context."""
         self.layout = layout
         self._context = context
+        self._least = least_weights(layout)
         self._bands = bands(layout.width, layout.height)
         size = (layout.width, self._bands[0][1])
         self._surface = context.texture(size, 4, dtype="f4")
@@ -62,7 +64,7 @@ class Raster:
             found = self._read(row, rows, sample_at)[texels.index[band] - start]
             faces[band] = found[:, 0].astype(np.int32) - 1
             weights[band] = kept_inside(found[:, 1:3].T)
-        return Samples(faces, weights)
+        return Samples(faces, off_borders(weights, faces, self._least))
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""

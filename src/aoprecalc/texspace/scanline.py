@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.model import Floats, Ints, Mask, Texels
+from aoprecalc.texspace.insets import least_weights, off_borders
 from aoprecalc.texspace.layout import Layout
 from aoprecalc.texspace.samples import (
     ASIDE,
@@ -38,6 +39,7 @@ class ScanlineRaster:
     def __init__(self, layout: Layout) -> None:
         """Prepare what does not depend on where texels are sampled."""
         self.layout = layout
+        self._least = least_weights(layout)
         self._bands = bands(layout.width, layout.height)
         a, b, c = layout.triangles.transpose(1, 2, 0)
         # Rows of one number for each triangle: where it starts, its two sides from there, and twice its area.
@@ -88,7 +90,7 @@ class ScanlineRaster:
                     faces[texel] = of[number]
                     square = _low_corners(*np.divmod(index[texel], layout.width))
                     weights[texel] = kept_inside(weigh(number, square, sample_at))
-        return Samples(faces, weights)
+        return Samples(faces, off_borders(weights, faces, self._least))
 
     def _counts(self, row: int, rows: int) -> NDArray[np.int32]:
         """How many triangles lie over the centre of each texel of a band, (rows * width,)."""
