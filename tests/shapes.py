@@ -95,3 +95,83 @@ def disc(radius, height, sections=128):
     ahead = np.roll(np.arange(sections), -1)
     faces = np.column_stack([np.full(sections, sections), ahead, np.arange(sections)])
     return np.concatenate([rim, [[0.0, 0.0, height]]]), faces
+
+
+def spun(profile, sections=48):
+    """A profile, (k, 2) of radius and height, turned about the z axis; where the radius is 0 it has a pole."""
+    radius, height = np.asarray(profile, float).T[:, :, None]
+    turn = 2 * np.pi * np.arange(sections) / sections
+    rings = [radius * np.cos(turn), radius * np.sin(turn), np.broadcast_to(height, (len(profile), sections))]
+    a = np.arange((len(profile) - 1) * sections)
+    b = a // sections * sections + (a + 1) % sections
+    faces = np.concatenate([np.stack([a, b, b + sections], 1), np.stack([a, b + sections, a + sections], 1)])
+    positions, same = np.unique(np.stack(rings, axis=-1).reshape(-1, 3).round(12), axis=0, return_inverse=True)
+    faces = same.ravel()[faces]
+    return positions, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+
+
+def cap(rings=12, radius=1.0):
+    """The lower half of a sphere, open, facing outwards."""
+    turn = np.linspace(0, np.pi / 2, rings + 1)
+    return spun(radius * np.column_stack([np.sin(turn), -np.cos(turn)]))
+
+
+def bowl(rings=9):
+    """The lower half of a ball, hollow, with walls of a seventh of the radius."""
+    turn = np.linspace(0, np.pi / 2, rings + 1)
+    outside = np.column_stack([np.sin(turn), -np.cos(turn)])
+    return spun(np.concatenate([outside, 0.85 * outside[::-1]]))
+
+
+def dented(seed, dents=12):
+    """A ball with round dents."""
+    positions, faces = ball(4)
+    middle = np.random.default_rng(seed).normal(size=(dents, 3))
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    depth = 0.35 * np.exp((positions @ middle.T - 1) / 0.03).sum(axis=1)
+    return positions * (1 - np.minimum(depth, 0.6))[:, None], faces
+
+
+def clutter(seed, boxes=5):
+    """Boxes of random shape, place and rotation, and a ring, some of them through each other."""
+    rng = np.random.default_rng(seed)
+    parts = [torus(1.5, 0.3, around=16, across=8)]
+    for _ in range(boxes):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        positions, faces = box()
+        parts.append((positions * rng.uniform(0.2, 0.7, 3) @ turn + rng.normal(size=3), faces))
+    return join(*parts)
+
+
+def triangle_a_cell(count):
+    """UVs, (count, 3, 2), that give every face a triangle of its own."""
+    cells = int(np.ceil(np.sqrt(count)))
+    place = np.column_stack(np.divmod(np.arange(count), cells))[:, None]
+    return (place + np.array([(0.1, 0.1), (0.9, 0.1), (0.1, 0.9)])) / cells
+
+
+def rotation(seed):
+    """A random rotation, (3, 3)."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def notch(opening, length, sections=24):
+    """A cylinder of radius 1 about the y axis without a wedge of `opening` radians, which starts at the x axis.
+
+    The wedge's sides are the first four faces, two each.
+    """
+    turn = np.linspace(opening, 2 * np.pi, sections + 1)
+    ring = np.column_stack([np.cos(turn), np.zeros_like(turn), np.sin(turn)])
+    end = np.concatenate([[(0.0, 0.0, 0.0)], ring])
+    half, count = np.array([0, length / 2, 0]), len(end)
+    edges = np.array([(0, count - 1), (1, 0), *((i + 1, i) for i in range(1, count - 1))])
+    sides = np.stack([edges[:, [0, 1, 1]], edges[:, [0, 1, 0]]], axis=1)
+    sides[:, 0, 2] += count
+    sides[:, 1, 1:] = edges[:, ::-1] + count
+    fans = np.array([(0, i, i + 1) for i in range(1, count - 1)])
+    return np.concatenate([end - half, end + half]), np.concatenate(
+        [sides.reshape(-1, 3), fans, fans[:, [0, 2, 1]] + count]
+    )

@@ -5,7 +5,7 @@ import pytest
 
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
-from shapes import ball, box, disc, hull, join, quad, quad_uvs, scene
+from shapes import ball, box, disc, hull, join, quad, quad_uvs, scene, triangle_a_cell
 
 ONE_STEP = 1 / 255
 
@@ -37,19 +37,24 @@ def test_the_inside_of_a_closed_sphere_is_zero():
     assert values(scene(positions, faces[:, ::-1])).max() <= ONE_STEP
 
 
-def test_a_floor_beside_a_long_wall():
+@pytest.mark.parametrize("thick", [True, False], ids=["solid", "sheet"])
+def test_a_floor_beside_a_long_wall(thick):
     """1/2 (1 + d / sqrt(d^2 + h^2)) at distance d from a wall of height h, both 200 h long."""
     height, length, depth = 1.0, 200.0, 4.0
     floor = quad((0, -length / 2, 0), (depth, 0, 0), (0, length, 0))
-    wall = quad((0, -length / 2, 0), (0, length, 0), (0, 0, height))
-    uvs = np.concatenate([quad_uvs((0, 0), (0.75, 1)), quad_uvs((0.8, 0), (1, 1))])
-    options = BakeOptions(width=256, height=32, normals="flat", shadow_size=2048)
+    if thick:
+        wall = box((-0.5, -length / 2, 0), (0, length / 2, height))
+        wall_uvs = triangle_a_cell(len(wall[1])) * (0.2, 1) + (0.8, 0)
+    else:
+        wall, wall_uvs = quad((0, -length / 2, 0), (0, length, 0), (0, 0, height)), quad_uvs((0.8, 0), (1, 1))
+    uvs = np.concatenate([quad_uvs((0, 0), (0.75, 1)), wall_uvs])
+    options = BakeOptions(width=256, height=32, normals="flat")
     picture = bake_scene(scene(*join(floor, wall), uvs), options).texture.values
     distance = (np.arange(192) + 0.5) / 192 * depth
     expected = (1 + distance / np.hypot(distance, height)) / 2
-    # Along the strip a map texel is a tenth of the wall's height; nearer to the crease than that nothing is promised.
-    beyond = distance > 0.1 * height
-    assert np.abs(picture[16, :192] - expected)[beyond].max() < 0.015
+    # Where two sheets end at each other the crease is an outline too, beside which a map texel sees past both.
+    near = 0 if thick else 0.1 * height
+    assert np.abs(picture[16, :192] - expected)[distance > near].max() < 0.015
 
 
 @pytest.mark.parametrize(("radius", "height"), [(1.0, 0.7), (1.0, 2.0), (0.3, 0.1)])

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from aoprecalc.files.images import quantize
+from aoprecalc.measure.lookup import bilinear
+from aoprecalc.measure.points import spread_points
+from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.estimate import estimate
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
@@ -16,9 +19,9 @@ def test_ratio_is_the_quotient_and_needs_a_denominator():
     assert measured.tolist() == [True, True, True, False]
 
 
-def test_mean_is_the_sources_sum_clamped():
+def test_mean_is_the_sources_sum_and_may_exceed_one():
     values, _ = estimate(np.array([[10.0, 25.0], [30.0, 31.0]]), 100, "mean")
-    assert values.tolist() == pytest.approx([0.4, 1.0])
+    assert values.tolist() == pytest.approx([0.4, 1.2])
 
 
 def test_random_directions_exceed_one_but_never_wrap():
@@ -58,8 +61,22 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
     plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
     for estimator, expected in (("ratio", 1.0), ("mean", (1 + np.cos(0.8)) / 2)):
         options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator)
-        texture = bake_scene(plane, options).texture
-        assert texture.values[texture.valid] == pytest.approx(expected, abs=0.003)
+        baked = bake_scene(plane, options)
+        points = spread_points(plane, baked.atlas.covers, 2000, seed=0)
+        found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=False)
+        assert found == pytest.approx(expected, abs=0.003)
+        assert found.mean() == pytest.approx(expected, abs=5e-4)
+
+
+def test_mean_by_random_directions_is_the_sum_over_just_these():
+    normals = np.broadcast_to(np.array([np.sin(0.8), 0, np.cos(0.8)]), (2, 3, 3))
+    plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
+    options = BakeOptions(width=16, height=16, directions=2000, sampling="random", seed=1, estimator="mean")
+    half = axes(2000, "random", seed=1)
+    both = np.concatenate([half, -half])
+    expected = 4 / 2000 * np.maximum(0, both @ normals[0, 0])[both[:, 2] > 0].sum()
+    texture = bake_scene(plane, options).texture
+    assert texture.values[texture.valid].mean() == pytest.approx(expected, abs=5e-4)
 
 
 def test_a_shading_normal_behind_the_surface_gives_way_to_the_geometric_one():

@@ -5,7 +5,8 @@ import pytest
 
 from aoprecalc.model import Texels
 from aoprecalc.texspace import finish as finish_module
-from aoprecalc.texspace.finish import finish, pad, push_pull
+from aoprecalc.texspace.finish import Painting, finish, lighter, pad, paint, push_pull
+from aoprecalc.texspace.reconstruct import Reconstruction
 
 
 def islands(seed, height=40, width=56):
@@ -69,13 +70,20 @@ def test_push_pull_fills_any_shape(shape):
     assert push_pull(np.where(known, np.float32(0.5), 0), known) == pytest.approx(0.5)
 
 
-def texels_of(valid):
-    return Texels(valid.shape[1], valid.shape[0], np.flatnonzero(valid).astype(np.int32))
+def painted(picture, valid, measured=True):
+    """Paint the texels in `valid`, of which only those in `measured` count, each by a sample at its centre."""
+    height, width = valid.shape
+    texels = Texels(width, height, np.flatnonzero(valid).astype(np.int32))
+    values, measured = picture[valid], np.broadcast_to(measured, valid.shape)[valid]
+    fit = Reconstruction(width, height, wraps=False)
+    centres = (np.argwhere(valid)[:, ::-1] + 0.5).astype(np.float32)
+    fit.add(centres, 1.0 - values.astype(float), measured.astype(float))
+    return paint(texels, values, measured, fit)
 
 
 def test_the_fill_is_the_mean_of_the_measured_texels_so_that_coarse_mips_keep_it():
     picture, valid = islands(3)
-    texture = finish(texels_of(valid), picture[valid], np.ones(valid.sum(), bool), 0, "mean")
+    texture = finish(painted(picture, valid), 0, "mean")
     assert texture.values[~valid] == pytest.approx(picture[valid].mean())
     assert texture.values.mean() == pytest.approx(picture[valid].mean(), abs=1e-6)
 
@@ -83,14 +91,29 @@ def test_the_fill_is_the_mean_of_the_measured_texels_so_that_coarse_mips_keep_it
 def test_texels_that_were_not_measured_are_not_valid_and_take_a_neighbours_value():
     valid = np.zeros((4, 6), bool)
     valid[1, 1:4] = True
-    texture = finish(texels_of(valid), np.array([0.2, 0.9, 0.4], np.float32), np.array([True, False, True]), 1, "none")
+    picture = np.where(valid, np.array([0, 0.2, 0.9, 0.4, 0, 0], np.float32), 0)
+    texture = finish(painted(picture, valid, measured=picture < 0.5), 1, "none")
     assert texture.valid.sum() == 2
-    assert texture.values[1, 2] in (np.float32(0.2), np.float32(0.4))
+    assert texture.values[1, 2] in (texture.values[1, 1], texture.values[1, 3])
+    assert texture.values[1, [1, 3]] == pytest.approx([0.2, 0.4])
     assert texture.values[3, 5] == 0
 
 
 def test_nothing_measured_gives_an_empty_picture():
-    valid = np.ones((2, 2), bool)
-    texture = finish(texels_of(valid), np.zeros(4, np.float32), np.zeros(4, bool), 2, "mean")
+    texture = finish(painted(np.zeros((2, 2), np.float32), np.ones((2, 2), bool), measured=False), 2, "mean")
     assert not texture.valid.any()
     assert (texture.values == 0).all()
+
+
+def test_the_lighter_of_two_paintings_counts_a_texel_that_either_knows():
+    first, second = (
+        Painting(np.array([values], np.float32), np.array([known]), np.array([valid]))
+        for values, known, valid in (
+            ([0.2, 0.7, 0.0, 0.4], [True, True, False, True], [True, True, False, False]),
+            ([0.3, 0.0, 0.0, 0.1], [True, False, False, True], [True, False, False, True]),
+        )
+    )
+    both = lighter(first, second)
+    assert both.values.tolist() == [np.array([0.3, 0.7, 0.0, 0.4], np.float32).tolist()]
+    assert both.known.tolist() == [[True, True, False, True]]
+    assert both.valid.tolist() == [[True, True, False, True]]

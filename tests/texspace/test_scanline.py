@@ -8,7 +8,7 @@ import pytest
 
 from aoprecalc.atlas.unwrap import unwrap
 from aoprecalc.model import Atlas, Texels
-from aoprecalc.texspace import raster, scanline, spans
+from aoprecalc.texspace import samples, scanline, spans
 from aoprecalc.texspace.layout import lay_out
 from aoprecalc.texspace.scanline import ScanlineRaster
 from shapes import quad, quad_uvs, scene, torus
@@ -76,8 +76,7 @@ def test_agrees_with_opengl(on_gl, name):
 
 
 def test_bands_have_the_same_order_as_with_opengl(on_gl, monkeypatch):
-    for module, name in ((raster, "_BAND_TEXELS"), (scanline, "BAND_TEXELS")):
-        monkeypatch.setattr(module, name, 256 * 37)  # no whole number of blocks
+    monkeypatch.setattr(samples, "BAND_TEXELS", 256 * 37)  # no whole number of blocks
     layout = mesh()
     np.testing.assert_array_equal(ScanlineRaster(layout).coverage().index, on_gl(layout).coverage().index)
 
@@ -87,7 +86,7 @@ def test_how_the_work_is_cut_changes_nothing(monkeypatch):
     every = Texels(layout.width, layout.height, np.arange(layout.width * layout.height, dtype=np.int32)[::-1])
     whole = ScanlineRaster(layout)
     expected, covered, overlap = whole.samples(every, (0.2, 0.6)), whole.coverage(), whole.overlap()
-    monkeypatch.setattr(scanline, "BAND_TEXELS", layout.width * 23)
+    monkeypatch.setattr(samples, "BAND_TEXELS", layout.width * 23)
     monkeypatch.setattr(spans, "_MOST", 50)
     monkeypatch.setattr(scanline, "_PIECE", 1000)
     cut = ScanlineRaster(layout)
@@ -103,16 +102,16 @@ def test_triangles_hide_later_ones_and_every_border():
     small = big * 0.5 + 0.1  # inside the big one, and so are its sides, which must not show
     for uvs, number_of_small, texels_of_small in (([big, small], 1, 0), ([small, big], 0, 0.5 * 25.6**2)):
         drawn = ScanlineRaster(laid_out(np.stack(uvs), 64, 64))
-        samples = drawn.samples(drawn.coverage(), (0.5, 0.5))
-        assert np.count_nonzero(samples.faces == number_of_small) == pytest.approx(texels_of_small, rel=0.1)
+        found = drawn.samples(drawn.coverage(), (0.5, 0.5))
+        assert np.count_nonzero(found.faces == number_of_small) == pytest.approx(texels_of_small, rel=0.1)
         assert drawn.overlap() > 0.1
 
 
 def test_texels_off_the_surface_have_no_sample():
     layout = laid_out(np.array([[(0.1, 0.1), (0.3, 0.1), (0.1, 0.3)]]), 32, 32)
-    samples = ScanlineRaster(layout).samples(Texels(32, 32, np.arange(4, dtype=np.int32)), (0.5, 0.5))
-    assert samples.faces.tolist() == [-1] * 4
-    assert samples.weights.tolist() == [[1, 0, 0]] * 4
+    found = ScanlineRaster(layout).samples(Texels(32, 32, np.arange(4, dtype=np.int32)), (0.5, 0.5))
+    assert found.faces.tolist() == [-1] * 4
+    assert found.weights.tolist() == [[1, 0, 0]] * 4
 
 
 def test_needs_no_opengl():

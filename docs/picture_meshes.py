@@ -1,0 +1,77 @@
+"""The meshes of the README's pictures."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from aoprecalc.model import Part, Scene
+
+# leaning_wall: a floor and a wall that leans over it, outlined in texels; they meet at their first two corners.
+SIZE = (96, 72)
+FLOOR = [(12, 42), (54, 18), (64, 30), (62, 41), (56, 50), (47, 56), (35, 59), (20, 57)]
+WALL = [(74, 61), (78, 12), (86, 25), (85, 48)]
+LEAN = np.radians(60)  # between the two
+HALF_BOX = (0.65, 0.65, 0.5)  # of in_a_box
+
+
+def leaning_wall() -> Scene:
+    """Make the mesh of borders.png, as large as its charts."""
+    floor, wall = (np.array(outline) @ (1, 1j) for outline in (FLOOR, WALL))  # x + iy
+    crease, base = ((side[1] - side[0]) / abs(side[1] - side[0]) for side in (floor, wall))
+    raised = (wall - wall[0]) / base
+    ground = np.append(floor, floor[0] + crease * (raised.real + 1j * np.cos(LEAN) * raised.imag))
+    ground[len(floor) + 1] = floor[1]
+    height = np.append(np.zeros(len(floor)), np.sin(LEAN) * raised.imag)
+    floor_faces = [(0, i, i + 1) for i in range(1, len(floor) - 1)]
+    wall_faces = [(len(floor), len(floor) + i + 1, len(floor) + i) for i in range(1, len(wall) - 1)]
+    mesh = trimesh.Trimesh(np.column_stack([ground.real, ground.imag, height]), floor_faces + wall_faces, process=False)
+    return as_scene([mesh], np.array(FLOOR + WALL)[mesh.faces] / SIZE * (1, -1) + (0, 1))
+
+
+def in_a_box() -> Scene:
+    """Make a box, which is cut open, with a ball sunk into its top and another one within."""
+    sunk = trimesh.creation.icosphere(4, 0.34).apply_translation((0, 0, 0.5))
+    within = trimesh.creation.icosphere(4, 0.22).apply_translation((0, 0, -0.2))
+    return as_scene([trimesh.creation.box(2 * np.array(HALF_BOX)), sunk, within])
+
+
+def inside_out() -> Scene:
+    """Make a ring whose faces look inwards."""
+    ring = trimesh.creation.torus(0.60, 0.30, major_sections=128, minor_sections=64)
+    ring.invert()
+    return as_scene([ring])
+
+
+def cup() -> Scene:
+    """Make a cup of one layer, whose faces look inwards, on a plate."""
+    angles = np.linspace(-np.pi / 2, 0, 17)
+    layer = trimesh.creation.revolve(
+        np.array([*0.5 * np.column_stack([np.cos(angles), np.sin(angles)]), (0.56, 0.4)]), sections=96
+    )
+    layer.invert()
+    plate = trimesh.creation.cylinder(0.92, segment=[(0, 0, -0.62), (0, 0, -0.52)], sections=128)
+    return as_scene([plate, layer])
+
+
+def plant() -> Scene:
+    """Make leaves of one layer over a plate; the faces of every second one look down."""
+    along, across = np.meshgrid(np.linspace(0, 1, 33), np.linspace(-1, 1, 9), indexing="ij")
+    side = (0.19 * np.sin(np.pi * along**1.3) + 0.02) * across
+    height = 0.62 * np.sin(2.7 * along**0.9) + 0.06 * np.abs(across) * np.sin(np.pi * along) - 0.38
+    vertices = np.stack([0.07 + 0.80 * along, side, height], axis=-1).reshape(-1, 3)
+    corner = np.add.outer(9 * np.arange(32), np.arange(8)).ravel()
+    faces = np.concatenate([corner[:, None] + (0, 9, 10), corner[:, None] + (0, 10, 1)])
+    plate = trimesh.creation.cylinder(0.92, segment=[(0, 0, -0.5), (0, 0, -0.4)], sections=128)
+    leaves = [trimesh.Trimesh(vertices, faces if number % 2 else faces[:, ::-1]) for number in range(6)]
+    for number, leaf in enumerate(leaves):
+        leaf.apply_transform(trimesh.transformations.rotation_matrix(number * np.pi / 3 + 0.3, (0, 0, 1)))
+    return as_scene([plate, *leaves])
+
+
+def as_scene(meshes: list[trimesh.Trimesh], uvs: np.ndarray | None = None) -> Scene:
+    """Make a Scene of meshes and, where there are any, the UVs at their corners, (f, 3, 2)."""
+    mesh = trimesh.util.concatenate(meshes)
+    positions, ids = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
+    faces = ids.ravel()[mesh.faces].astype(np.int32)
+    return Scene(Path("made.obj"), "obj", positions, faces, None, uvs, (Part("made", 0, len(faces), faces),))

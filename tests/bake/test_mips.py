@@ -1,0 +1,54 @@
+"""Coarser levels of the picture: padding keeps them as good as if every chart were filtered by itself."""
+
+import numpy as np
+
+from aoprecalc.measure.lookup import bilinear, mip_chain
+from aoprecalc.measure.points import spread_points
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
+from aoprecalc.surface.topology import islands
+from aoprecalc.texspace.layout import corner_ids, lay_out
+from aoprecalc.texspace.samples import CENTER
+from aoprecalc.texspace.scanline import ScanlineRaster
+from shapes import scene, torus
+
+SIZE, LEVELS = 320, 3
+
+
+def charts(made, atlas, texture):
+    """The chart of each face, and the one that each valid texel belongs to, else -1."""
+    of_face = islands(corner_ids(made.faces, atlas.uvs))
+    sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
+    texels = sampler.coverage()
+    of_texel = np.full(SIZE * SIZE, -1)
+    of_texel[texels.index] = of_face[sampler.samples(texels, CENTER).faces]
+    return of_face, np.where(texture.valid, of_texel.reshape(SIZE, SIZE), -1)
+
+
+def alone(picture, of_texel, chart, uvs):
+    """Look up each level of a picture that is filtered over the texels of one chart only."""
+    mask = (of_texel == chart).astype(np.float32)
+    chains = zip(mip_chain(picture * mask, LEVELS), mip_chain(mask, LEVELS), strict=True)
+    return [bilinear(part, uvs, repeats=False) / bilinear(whole, uvs, repeats=False) for part, whole in chains]
+
+
+def rms(values):
+    return np.sqrt((values**2).mean())
+
+
+def test_two_levels_are_as_good_as_without_seams():
+    made = scene(*torus())
+    baked = bake_scene(made, BakeOptions(SIZE, SIZE, directions=256, fill="none"))
+    assert baked.atlas.gutter >= 8
+    of_face, of_texel = charts(made, baked.atlas, baked.texture)
+    points = spread_points(made, baked.atlas.covers, 20_000, seed=1)
+    uvs = points.at(baked.atlas.uvs)
+    ideal = np.empty((LEVELS, len(uvs)))
+    for chart in range(baked.atlas.charts):
+        there = of_face[points.faces] == chart
+        ideal[:, there] = alone(baked.texture.values, of_texel, chart, uvs[there])
+    found = [bilinear(level, uvs, repeats=False) for level in mip_chain(baked.texture.values, LEVELS)]
+    for level in range(1, LEVELS):
+        off, least = found[level] - found[0], ideal[level] - found[0]
+        assert rms(off) < rms(least) + 0.001
+        assert np.abs(off).max() < np.abs(least).max() + 0.01
