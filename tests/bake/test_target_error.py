@@ -1,9 +1,12 @@
 """The estimated sampling error: it is honest, and a bake can stop by it."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from aoprecalc.atlas.unwrap import unwrap
+from aoprecalc.gl.context import open_renderer
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.gathering import gather
 from aoprecalc.occlusion.map_observer import MapObserver
@@ -14,7 +17,7 @@ from aoprecalc.surface.normals import shading_normals
 from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.layout import lay_out
 from aoprecalc.texspace.scanline import ScanlineRaster
-from shapes import bowl, box, clutter, join, scene, torus
+from shapes import bowl, box, cap, clutter, join, scene, torus
 
 SIZE = 80
 
@@ -41,47 +44,87 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_the_estimate_is_honest(renderer, shape):
-    """Within a factor of 1.5 of how far the texels' means are from those of very many directions."""
+@cache
+def texels_of(shape):
+    """What a gather of the shape needs before its axes, and what very many directions find."""
     made = scene(*SHAPES[shape]())
     atlas = unwrap(made, "xatlas", SIZE, 2)
     sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
     texels = sampler.coverage()
-    surface = UnitSurface.of(made, shading_normals(made))
-    observer = MapObserver(renderer, surface, len(texels), 128)
-
-    def gathered(directions):
-        given = observer, sampler, made, atlas, texels, axes(directions)
-        return gather(*given, BakeOptions(SIZE, SIZE), Progress())
-
-    truth = gathered(16_384)
-    # Four whole groups, 512 directions, complete each other best: there the estimate is highest above the truth.
-    for directions, factor in ((256, 1.5), (512, 1.75), (1000, 1.5), (2000, 1.5)):
-        found = gathered(directions)
-        both = found.measured & truth.measured
-        error = np.sqrt(((found.values - truth.values)[both] ** 2).mean())
-        assert 1 / 1.5 < found.error / error < factor, directions
+    return made, atlas, sampler, texels
 
 
-def test_it_stops_early_and_says_how_many_directions_it_took():
-    made = scene(*torus())
-    options = {"width": SIZE, "height": SIZE, "directions": 2000}
-    whole = bake_scene(made, BakeOptions(**options))
-    early = bake_scene(made, BakeOptions(**options, target_error=3 * whole.error))
-    assert early.error <= 3 * whole.error
-    assert early.directions <= whole.directions / 2
-    assert early.directions % 256 == 0  # two groups of axes at a time
-    assert not any("sampling error" in line for line in early.warnings)
+def gathered(renderer, shape, directions, **options):
+    made, atlas, sampler, texels = texels_of(shape)
+    observer = MapObserver(renderer, UnitSurface.of(made, shading_normals(made)), len(texels), 128)
+    given = BakeOptions(SIZE, SIZE, **options)
+    return gather(observer, sampler, made, atlas, texels, axes(directions), given, Progress())
 
 
-def test_a_target_out_of_reach_is_said():
-    baked = bake_scene(scene(*torus()), BakeOptions(width=64, height=64, directions=256, target_error=1e-6))
-    assert baked.directions == 256
-    assert any("1e-06 asked for" in line for line in baked.warnings)
+@cache
+def truth(shape):
+    with open_renderer() as renderer:
+        return gathered(renderer, shape, 16_384)
 
 
-def test_one_group_of_axes_has_no_estimate():
-    baked = bake_scene(scene(*torus()), BakeOptions(width=64, height=64, directions=128, target_error=0.5))
+def over(found, shape):
+    """How many times as large the estimate is as the error of the texels' means."""
+    both = found.measured & truth(shape).measured
+    return found.error / np.sqrt(((found.values - truth(shape).values)[both] ** 2).mean())
+
+
+# An even set of 512 directions, four groups, errs less than the law by which its error is estimated: 1.6 times too high.
+TOO_HIGH = {"clutter-seed-1": [512], "pile-seed-7": [512]}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_estimate_is_honest_within_a_factor_of_one_and_a_half(renderer, shape):
+    ratios = {directions: over(gathered(renderer, shape, directions), shape) for directions in (256, 512, 1000, 2000)}
+    beyond = [directions for directions, ratio in ratios.items() if not 1 / 1.5 < ratio < 1.5]
+    assert beyond == TOO_HIGH.get(shape, [])
+    assert max(ratios.values()) < 1.75
+
+
+def test_a_target_stops_the_gather_early_with_what_is_known_by_then(renderer):
+    found = gathered(renderer, "torus", 2000, target_error=0.006)
+    assert found.directions < 1000
+    assert found.directions % 128 == 0
+    assert found.error <= 0.006
+    assert 0.003 < found.error / over(found, "torus") < 0.009
+    missed = gathered(renderer, "torus", 512, target_error=1e-4)
+    assert missed.directions == 512
+    assert missed.error > 1e-4
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_a_bake_says_how_far_it_came(backend):
+    made = scene(*SHAPES["torus"]())
+
+    def bake(directions, target):
+        options = BakeOptions(SIZE, SIZE, directions=directions, target_error=target, backend=backend)
+        baked = bake_scene(made, options)
+        return baked, [line for line in baked.warnings if "sampling error" in line]
+
+    baked, said = bake(4000, 0.01)
+    assert baked.directions < 4000
+    assert baked.error <= 0.01
+    assert said == []
+    baked, said = bake(300, 1e-4)
+    assert baked.directions == 300
+    assert f"{baked.error:.4f} after 300 directions, more than the 0.0001 asked for" in said[0]
+    baked, said = bake(128, 0.5)
     assert baked.error is None
-    assert any("more than 128 directions" in line for line in baked.warnings)
+    assert "more than 128 directions" in said[0]
+    assert bake(300, 0.0)[0].directions == 300
+
+
+def test_two_sides_report_the_greater_error_and_the_later_stop():
+    """Half a sphere: its outside is open, and tells at once that it is; its inside takes longer."""
+    made = scene(*cap(6))
+    outside, inside, both = (
+        bake_scene(mesh, BakeOptions(SIZE, SIZE, directions=2000, target_error=0.004, two_sided=two_sided))
+        for mesh, two_sided in ((made, False), (scene(made.positions, made.faces[:, ::-1]), False), (made, True))
+    )
+    assert outside.error == 0
+    assert outside.directions < inside.directions == both.directions
+    assert both.error == pytest.approx(inside.error, rel=0.2)
