@@ -1,8 +1,5 @@
 """Maps and rays give the same picture, and each stands in for the other or says what is missing."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -95,21 +92,3 @@ def test_without_rays_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setattr(context, "_create", no_opengl)
     with pytest.raises(RendererError, match=f"no OpenGL.*{install}"):
         bake_scene(made, BakeOptions(32, 32, directions=64))
-
-
-def test_rays_never_load_opengl(tmp_path):
-    """In a process of its own, where making any context ends it."""
-    program = (
-        "import sys, moderngl\n"
-        "def none(*given, **named): sys.exit('a context was asked for')\n"
-        "moderngl.create_context = none\n"
-        "from pathlib import Path\n"
-        "sys.argv = ['aoprecalc', 'bake', 'ball.obj', '--size', '48', '-n', '64', '--backend', 'ray']\n"
-        "from aoprecalc.cli import main; main()\n"
-    )
-    positions, faces = ball(1)
-    lines = ["v {} {} {}".format(*row) for row in positions] + ["f {} {} {}".format(*row) for row in faces + 1]
-    (tmp_path / "ball.obj").write_text("\n".join(lines))
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "ball_ao.png").is_file()

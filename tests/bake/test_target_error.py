@@ -73,7 +73,7 @@ def over(found, shape):
     return found.error / np.sqrt(((found.values - truth(shape).values)[both] ** 2).mean())
 
 
-# An even set of 512 directions, four groups, errs less than the law by which its error is estimated: 1.6 times too high.
+# An even set of 512 directions, four groups, errs less than the law by which its error is told: 1.6 times too high.
 TOO_HIGH = {"clutter-seed-1": [512], "pile-seed-7": [512]}
 
 

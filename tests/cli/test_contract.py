@@ -123,7 +123,7 @@ BAD = {
     "no directions": (["bake", "ring.obj", "-n", "0"], 2, "-n"),
     "no texels": (["bake", "ring.obj", "--size", "0"], 2, "--size is 0"),
     "a size of letters": (["bake", "ring.obj", "--size", "big"], 2, "expected a number of texels"),
-    "a size beyond the renderer": (["bake", "ring.obj", "--size", "30000"], 2, "expected at most"),
+    "a size beyond the renderer": (["bake", "ring.obj", "--size", "30000x16"], 2, "expected at most"),
     "a picture of no kind": (["bake", "ring.obj", "-o", "ring.xyz"], 2, ".xyz"),
     "a depth that PNG lacks": (["bake", "ring.obj", "--bit-depth", "half"], 2, "half"),
     "a mesh output of no kind": (["bake", "ring.obj", "--mesh-output", "ring.stl"], 2, ".stl"),
@@ -190,7 +190,8 @@ def test_verbose_adds_the_traceback(tmp_path):
     assert done.stderr.splitlines()[-1].startswith("error: ")
 
 
-def test_without_a_renderer_the_code_is_three(ring, tmp_path):
+@pytest.mark.parametrize("backend", ["gl", "auto", "ray"])
+def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_path):
     """No EGL device and no OSMesa: libraries are looked for where there are none."""
     program = (
         "import sys, moderngl\n"
@@ -198,13 +199,20 @@ def test_without_a_renderer_the_code_is_three(ring, tmp_path):
         "def none(**given): raise Exception('eglInitialize failed (0x3001)')\n"
         "moderngl.create_context = none\n"
         "osmesa.LIBRARIES = ()\n"
-        "sys.argv = ['aoprecalc', 'bake', 'ring.obj']\n"
+        f"sys.argv = ['aoprecalc', 'bake', 'ring.obj', '--size', '64', '-n', '64', '--backend', '{backend}', '--json']\n"
         "from aoprecalc.cli import main; main()\n"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 3
-    assert done.stderr.startswith("error: no OpenGL")
-    assert listing(tmp_path) == ["ring.obj"]
+    if backend == "gl":
+        assert done.returncode == 3
+        assert done.stderr.startswith("error: no OpenGL")
+        assert listing(tmp_path) == ["ring.obj"]
+        return
+    assert done.returncode == 0, done.stderr
+    assert ("rays are traced" in done.stderr) == (backend == "auto")
+    report = json.loads(done.stdout)
+    assert (report["backend"], report["renderer"], report["shadow_size"]) == ("ray", "Embree", None)
+    assert "ring_ao.png" in listing(tmp_path)
 
 
 def test_parts_inside_others_are_dark_and_not_a_failure(tmp_path):

@@ -29,6 +29,10 @@ class Backend(Protocol):
     kind: str
     name: str
 
+    def admit(self, options: BakeOptions) -> None:
+        """Raise UsageError, before any work, for sizes that are beyond the backend."""
+        ...
+
     def sampler(self, layout: Layout) -> TexelSampler:
         """Return what finds the surface under the texels of a layout."""
         ...
@@ -52,25 +56,25 @@ class MapBackend:
         self._renderer = renderer
         self.name = renderer.name
 
+    def admit(self, options: BakeOptions) -> None:
+        """Hold the sizes to the greatest texture of the renderer."""
+        limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
+        for name, size in (("--size", max(options.width, options.height)), ("--shadow-size", options.shadow_size or 0)):
+            if size > limit:
+                raise UsageError(f"{name} {size} is beyond this renderer ({self.name}); expected at most {limit}")
+
     def sampler(self, layout: Layout) -> TexelSampler:
-        """Return a Raster; raises UsageError for a texture beyond the renderer."""
-        self._hold("--size", max(layout.width, layout.height))
+        """Return a Raster."""
         return Raster(self._renderer.context, layout)
 
     def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
-        """Return a MapObserver; raises UsageError for maps beyond the renderer."""
-        self._hold("--shadow-size", shadow_size)
+        """Return a MapObserver."""
         return MapObserver(self._renderer, surface, count, shadow_size)
 
     def check(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
         if self._renderer.context.error != "GL_NO_ERROR":
             raise RendererError(f"{self.name} reported an error while rendering; use smaller sizes or another driver")
-
-    def _hold(self, option: str, size: int) -> None:
-        limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
-        if size > limit:
-            raise UsageError(f"{option} {size} is beyond this renderer ({self.name}); expected at most {limit}")
 
 
 class RayBackend:
@@ -83,6 +87,9 @@ class RayBackend:
         """Cast rays by `threads`, 0 is one a core. Raises RendererError where embreex is not installed."""
         self._threads = threads
         occluders.require()
+
+    def admit(self, options: BakeOptions) -> None:
+        """Take any size."""
 
     def sampler(self, layout: Layout) -> TexelSampler:
         """Return a ScanlineRaster."""

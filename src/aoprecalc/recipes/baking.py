@@ -122,6 +122,7 @@ def bake_scene(
     surface = UnitSurface.of(scene, normals)
     directions = axes(options.directions, options.sampling, options.seed)
     with open_backend(options, progress) as backend:
+        backend.admit(options)
         with watch.stage("unwrap"):
             atlas = choose_atlas(backend.sampler, scene, options, progress)
         progress.note(_describe(atlas, options.padding))
