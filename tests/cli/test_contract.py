@@ -199,7 +199,8 @@ def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_
         "def none(**given): raise Exception('eglInitialize failed (0x3001)')\n"
         "moderngl.create_context = none\n"
         "osmesa.LIBRARIES = ()\n"
-        f"sys.argv = ['aoprecalc', 'bake', 'ring.obj', '--size', '64', '-n', '64', '--backend', '{backend}', '--json']\n"
+        "small = ['--size', '64', '-n', '64', '--json']\n"
+        f"sys.argv = ['aoprecalc', 'bake', 'ring.obj', '--backend', '{backend}', *small]\n"
         "from aoprecalc.cli import main; main()\n"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -45,9 +45,16 @@ from aoprecalc.options import BakeOptions
     help="Degrees; sharper edges are hard where normals are made. [default: 180; STL 40]",
 )
 @click.option("--two-sided", is_flag=True, help="Take the lighter of a face's two sides.")
-@option("--target-error", of=BakeOptions, field="target_error", help="Stop once the estimated error is below.")
-@option("--threads", of=BakeOptions, field="threads", help="For software rendering; 0: all cores.")
-@click.option("--verify", is_flag=True, help="Measure the texture against ray tracing, for the report.")
+@option(
+    "--target-error",
+    of=BakeOptions,
+    field="target_error",
+    help="Stop before -n directions once the estimated sampling error is at most E.",
+)
+@option("--threads", of=BakeOptions, field="threads", help="For software rendering and rays; 0: all cores.")
+@click.option(
+    "--verify", is_flag=True, help="Measure the texture against ray tracing, for the report; needs the extra ray."
+)
 @click.option("--report", metavar="FILE", help="Write what was read, chosen and measured as JSON.")
 @common
 def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:

@@ -17,7 +17,7 @@ from aoprecalc.errors import AoprecalcError
 EPILOG = (
     "Exit codes: 0 done; 1 the work failed, or verify found more error than allowed; 2 wrong usage; "
     "3 no way to render; 4 the input mesh is unusable. "
-    "A failure leaves no file behind."
+    "A failure leaves no file behind, but for the report and heat map of a verify that answers no."
 )
 
 

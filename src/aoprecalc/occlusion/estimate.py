@@ -3,7 +3,7 @@
 import numpy as np
 
 from aoprecalc.model import Doubles, Mask
-from aoprecalc.options import Estimator
+from aoprecalc.options import Estimator, Sampling
 
 _COMPLETION = (2.0**1.5 - 1.0) ** 0.5  # see sampling_error
 
@@ -22,14 +22,16 @@ def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Doub
     return np.divide(visible, whole, out=np.zeros_like(visible), where=measured), measured
 
 
-def sampling_error(halves: Doubles, directions: list[int], estimator: Estimator) -> float | None:
+def sampling_error(
+    halves: Doubles, directions: list[int], estimator: Estimator, sampling: Sampling = "fibonacci"
+) -> float | None:
     """Return the error to expect of the two halves together, RMS over the texels that both measured; None without any.
 
     halves       (2, k, 2): visibility sums of the halves
     directions   how many each has used
     Half the difference would be the answer if the halves erred independently. The halves of an even set complete each
     other: its error falls as N^-3/4, so that each half errs 2^(3/4) times as much as the whole, and half the difference
-    is sqrt(2^(3/2) - 1) = 1.35 times the error of the whole.
+    is sqrt(2^(3/2) - 1) = 1.35 times the error of the whole. Random directions have no such bond.
     """
     if not all(directions):
         return None
@@ -40,4 +42,5 @@ def sampling_error(halves: Doubles, directions: list[int], estimator: Estimator)
     if not both.any():
         return None
     difference = first[both] - second[both]
-    return float(0.5 / _COMPLETION * np.sqrt((difference**2).mean()))
+    share = np.sqrt(directions[0] * directions[1]) / sum(directions)  # 1/2 for equal halves
+    return float(share / (_COMPLETION if sampling == "fibonacci" else 1.0) * np.sqrt((difference**2).mean()))

@@ -64,7 +64,7 @@ def gather(
         halves[number % 2] += sums
         used[number % 2] += count
         if number % 2 or group.stop == len(axes):
-            error = sampling_error(halves, used, options.estimator)
+            error = sampling_error(halves, used, options.estimator, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
     values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)

@@ -43,7 +43,9 @@ class Occluders:
         self._mesh = TriangleMesh(
             self._scene, np.ascontiguousarray(positions, np.float32), np.ascontiguousarray(faces, np.int32)
         )
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._threads = threads or (
+            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        )
 
     def hidden(self, origins: Floats, directions: Floats) -> Mask:
         """Return which of k rays meet a triangle, (k,) bool.

@@ -27,7 +27,7 @@ from aoprecalc.measure.errors import Verified
 from aoprecalc.model import Atlas, Baked, Floats, Scene
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.backend import open_backend
-from aoprecalc.occlusion.gathering import gather
+from aoprecalc.occlusion.gathering import Gathered, gather
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
@@ -41,7 +41,7 @@ from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.finish import finish, lighter, paint
 from aoprecalc.texspace.layout import lay_out
 
-_UNSEEN = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
+_DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,12 +153,19 @@ def bake_scene(
         normals=normals,
         directions=max(side.directions for side in seen),
         error=max((side.error for side in seen if side.error is not None), default=None),
-        unseen=float(np.all([side.values < _UNSEEN for side in seen], axis=0).mean()),
+        unseen=_unseen(seen),
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
     )
     return replace(baked, warnings=bake_warnings(scene, baked, options, overlap))
+
+
+def _unseen(sides: list[Gathered]) -> float:
+    """Return the share of the measured texels that no side sees light from."""
+    measured = np.any([side.measured for side in sides], axis=0)
+    dark = np.all([side.values < _DARK for side in sides], axis=0)
+    return float(dark[measured].mean())
 
 
 def _verified(

@@ -15,7 +15,7 @@ _UNSEEN = 0.01  # share of texels without light from which on it is said
 def bake_warnings(scene: Scene, baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, ...]:
     """Return one line for each thing; `overlap` is the share of texels that lie inside two faces."""
     atlas, warnings = baked.atlas, []
-    if baked.directions % 2 or baked.directions - 1 == options.directions:
+    if baked.directions - 1 == options.directions:
         asked = f"{options.directions} were asked for"
         warnings.append(f"{baked.directions} directions were used, as they come in pairs; {asked}")
     warnings += _about_target(baked, options)
