@@ -71,19 +71,21 @@ def test_a_convex_body_is_one_to_the_last_bit(body, normals):
 
 @pytest.mark.parametrize(
     ("degrees", "shadow_size"),
-    [*((degrees, 64) for degrees in (10, 30, 60, 90, 120, 150, 170)), (30, 1024), (120, 1024)],
+    [*((degrees, 64) for degrees in (10, 30, 60, 90, 120, 150, 170)), (30, 1024), (120, 1024), (30, None), (60, None)],
 )
 def test_a_valley_is_right_up_to_its_crease(degrees, shadow_size):
     """(1 + cos b) / 2 on one side, where b is the angle between it and the line of sight to the other side's end.
 
-    The nearest texel is at 1/256 of the side's length; of 64 texels a map's are eight times as wide.
+    The nearest texel is at 1/256 of the side's length; of 64 texels a map's are eight times as wide. None: by rays.
     """
     opening, length = np.radians(degrees), 40.0
     positions, faces = notch(opening, length)
     uvs = triangle_a_cell(len(faces)) * (0.4, 1) + (0.6, 0)
     uvs[:2] = positions[faces[:2]][..., :2] / (2, length) + (0, 0.5)
     made = scene(positions, faces, uvs)
-    options = BakeOptions(256, 32, normals="flat", unwrap="keep", backend="gl", shadow_size=shadow_size)
+    options = BakeOptions(
+        256, 32, normals="flat", unwrap="keep", backend="gl" if shadow_size else "ray", shadow_size=shadow_size
+    )
     middle = bake_scene(made, options).texture.values[14:18, :128].mean(axis=0)
     distance = (np.arange(128) + 0.5) / 128
     away = distance - np.cos(opening)
