@@ -33,11 +33,11 @@ AUTHORED = MESHES / "jerry_ogre" / "ao_rest.png"
 # name, mesh, size, shading, tools
 CASES = [
     ("ogre", "jerry_ogre/bs_rest.obj", 1024, "smooth", ("gl", "ray", "cycles")),
-    ("ogre", "jerry_ogre/bs_rest.obj", 1024, "flat", ("gl", "cycles")),
+    ("ogre", "jerry_ogre/bs_rest.obj", 1024, "flat", ("gl", "ray", "cycles")),
     ("bigguy", "bigguy.obj", 1024, "smooth", ("gl", "ray", "cycles")),
     ("bigguy", "bigguy.obj", 1024, "flat", ("gl", "ray", "cycles")),
-    ("bunny", "stanford-bunny.obj", 1024, "smooth", ("gl", "cycles")),
-    ("spot", "spot.obj", 1024, "smooth", ("gl", "ray")),
+    ("bunny", "stanford-bunny.obj", 1024, "smooth", ("gl", "ray", "cycles")),
+    ("spot", "spot.obj", 1024, "smooth", ("gl", "ray", "cycles")),
     ("fruit fly", "fruitfly_assembled_welded.ply", 4096, "smooth", ("gl",)),
 ]
 CYCLES_SAMPLES = 64
