@@ -69,6 +69,7 @@ class MapBackend:
 
     def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
         """Return a MapObserver."""
+        self._renderer.context.gc()  # what an observer that is gone has held
         return MapObserver(self._renderer, surface, count, shadow_size)
 
     def check(self) -> None:

@@ -24,11 +24,11 @@ class RayObserver:
         origins = (places + LIFT * geometric).astype(np.float32)
         visible, whole = np.zeros(len(there)), np.zeros(len(there))
         for axis in axes:
-            in_front, cosine = geometric @ axis, normals @ axis
-            for direction, front in ((axis, in_front > 0), (-axis, in_front < 0)):
-                facing = np.flatnonzero(front & (cosine * np.sign(in_front) > 0))
-                weights = np.abs(cosine[facing])
-                hidden = self._occluders.hidden(origins[facing], direction[None].astype(np.float32))
+            g_along, n_along = geometric @ axis, normals @ axis
+            for towards in (1.0, -1.0):  # the end of the axis from which light comes
+                facing = np.flatnonzero((towards * g_along > 0) & (towards * n_along > 0))
+                weights = np.abs(n_along[facing])
+                hidden = self._occluders.hidden(origins[facing], (towards * axis)[None].astype(np.float32))
                 whole[facing] += weights
                 visible[facing] += np.where(hidden, 0, weights)
                 progress.advance()

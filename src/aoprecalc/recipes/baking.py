@@ -134,11 +134,20 @@ def bake_scene(
         overlap = sampler.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels))
         sides = [surface, surface.turned()] if options.two_sided else [surface]
-        seen = []
         with watch.stage("visibility", len(sides) * 2 * len(directions), "directions"):
-            for side in sides:
-                observer = backend.observer(side, len(texels), shadow_size)
-                seen.append(gather(observer, sampler, scene, atlas, texels, directions, options, progress))
+            seen = [
+                gather(
+                    backend.observer(side, len(texels), shadow_size),
+                    sampler,
+                    scene,
+                    atlas,
+                    texels,
+                    directions,
+                    options,
+                    progress,
+                )
+                for side in sides
+            ]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(

@@ -31,10 +31,8 @@ from aoprecalc.recipes.stopwatch import Stopwatch
 from aoprecalc.recipes.verify_report import verify_report
 from aoprecalc.surface.normals import face_directions, shading_normals
 from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import corner_ids, lay_out
+from aoprecalc.texspace.layout import corner_ids, lay_out, leaves_page
 from aoprecalc.texspace.scanline import ScanlineRaster
-
-_BEYOND = 1e-6  # by which rounding may move UVs out of [0, 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +139,7 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
             "bake it, or export it with UVs"
         )
     uvs = found.uvs[covers]
-    wraps = bool(uvs.min() < -_BEYOND or uvs.max() > 1 + _BEYOND)
+    wraps = leaves_page(uvs)
     charts = int(islands(corner_ids(scene.faces[covers], uvs)).max()) + 1
     homeless = np.count_nonzero(found.shown & has_area & ~placed)
     said = [f"{homeless} of {len(scene.faces)} faces have no place in the texture and are left out"] if homeless else []

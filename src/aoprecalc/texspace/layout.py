@@ -8,6 +8,7 @@ from aoprecalc.model import Atlas, Doubles, Floats, Ints, Scene
 from aoprecalc.surface.topology import borders
 
 MOST_TILES = 4  # repeats of the texture that a face may span; more are not drawn
+_BEYOND = 1e-6  # by which rounding may move UVs out of [0, 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,11 @@ def lay_out(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
     face, corner = np.nonzero(is_border)
     border_places = np.stack([triangles[face, (corner + along) % 3] for along in range(3)], axis=1)
     return Layout(width, height, triangles, faces, border_places, faces[face], corner.astype(np.int32))
+
+
+def leaves_page(uvs: Doubles) -> bool:
+    """Return whether any of (n, 3, 2) UVs lies outside [0, 1] by more than rounding: the texture repeats."""
+    return bool(uvs.min() < -_BEYOND or uvs.max() > 1 + _BEYOND)
 
 
 def corner_ids(faces: Ints, uvs: Doubles) -> Ints:
