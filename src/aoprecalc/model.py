@@ -125,7 +125,7 @@ class Baked:
     normals       (f, 3, 3) float32: the shading normals that were used
     directions    light directions that were used
     error         the estimated sampling error of a texel, RMS; None where it cannot be told (up to 128 directions)
-    unseen        the share of the covered texels that see next to no direction (below 0.01)
+    unseen        the share of the measured texels that see next to no direction (below 0.01)
     backend       gl or ray
     renderer      what the OpenGL implementation, or the ray tracer, calls itself
     shadow_size   side of the near/far maps in texels; None without maps

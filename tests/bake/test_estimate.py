@@ -7,7 +7,7 @@ from aoprecalc.files.images import quantize
 from aoprecalc.measure.lookup import bilinear
 from aoprecalc.measure.points import spread_points
 from aoprecalc.occlusion.axes import axes
-from aoprecalc.occlusion.estimate import estimate
+from aoprecalc.occlusion.estimate import estimate, sampling_error
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
 from shapes import ball, quad, scene
@@ -87,3 +87,25 @@ def test_a_shading_normal_behind_the_surface_gives_way_to_the_geometric_one():
     options = BakeOptions(width=64, height=64, directions=2000, estimator="mean")
     texture = bake_scene(plane, options).texture
     assert texture.values[texture.valid].min() > 0.98
+
+
+@pytest.mark.parametrize(("first", "second"), [(500, 500), (640, 128)])
+def test_random_halves_of_any_size_tell_the_error_of_their_sum_seed_4(first, second):
+    rng, texels, share = np.random.default_rng(4), 20_000, 0.3
+    visible = np.stack([rng.binomial(count, share, texels) for count in (first, second)])
+    halves = np.stack([visible, np.broadcast_to([[first], [second]], visible.shape)], axis=2).astype(float)
+    told = sampling_error(halves, [first, second], "ratio", "random")
+    assert told == pytest.approx(np.sqrt(share * (1 - share) / (first + second)), rel=0.03)
+
+
+@pytest.mark.parametrize("part", [0.5, 0.2, 0.05])
+def test_even_halves_of_any_size_tell_the_error_of_their_sum_seed_5(part):
+    """Halves whose errors fall as N^-3/4 and complete each other to an error of the whole that does so too."""
+    rng, texels, whole = np.random.default_rng(5), 50_000, 0.01
+    counts = np.array([part, 1 - part]) * 1000
+    spread = whole * np.array([part, 1 - part]) ** -0.75
+    together = (whole**2 - ((counts / 1000 * spread) ** 2).sum()) / (2 * part * (1 - part))
+    errors = rng.multivariate_normal([0, 0], [[spread[0] ** 2, together], [together, spread[1] ** 2]], texels).T
+    halves = np.stack([(0.6 + errors) * counts[:, None], np.broadcast_to(counts[:, None], errors.shape)], axis=2)
+    told = sampling_error(halves, list(counts), "ratio", "fibonacci")
+    assert told == pytest.approx(whole, rel=0.02)

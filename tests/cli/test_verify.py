@@ -191,8 +191,7 @@ def test_failures_are_one_line_and_leave_nothing(case, ring):
 def test_without_embree_the_code_is_three(ring, tmp_path):
     program = (
         "import sys\n"
-        "from aoprecalc.rays import occluders\n"
-        "occluders.installed = lambda: False\n"
+        "sys.modules['embreex'] = None\n"
         f"sys.argv = ['aoprecalc', 'verify', {str(ring / 'obj' / 'ring.obj')!r}, '--report', 'r.json']\n"
         "from aoprecalc.cli import main; main()\n"
     )

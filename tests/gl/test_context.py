@@ -58,8 +58,8 @@ def test_a_size_beyond_the_renderer_is_refused_before_anything_is_unwrapped(monk
     monkeypatch.setattr(choose, "unwrap", lambda *given: pytest.fail("unwrapped"))
     with context.open_renderer() as renderer:
         limit = renderer.context.info["GL_MAX_TEXTURE_SIZE"]
-    with pytest.raises(UsageError, match=f"expected at most {limit}"):
-        bake_scene(scene(*torus(around=8, across=4)), BakeOptions(width=limit + 1, height=limit))
+    with pytest.raises(UsageError, match=f"at most {limit} was expected"):
+        bake_scene(scene(*torus(around=8, across=4)), BakeOptions(width=limit + 1))
 
 
 def test_threads_are_passed_to_the_software_renderer():

@@ -1,5 +1,7 @@
 """The reference holds against closed forms."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,6 @@ from aoprecalc.measure.points import SurfacePoints, spread_points
 from aoprecalc.measure.reference import rays_used, reference
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.rays import occluders
 from aoprecalc.surface.normals import shading_normals
 from shapes import ball, disc, join, scene, torus
 
@@ -112,7 +113,7 @@ def test_points_done_are_counted():
 
 
 def test_without_embree_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(occluders, "installed", lambda: False)
+    monkeypatch.setitem(sys.modules, "embreex", None)
     made = scene(*ball(1))
     with pytest.raises(RendererError, match="embreex"):
         values(made, spread(made))

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from aoprecalc.files import load_scene
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
 from aoprecalc.texspace.layout import corner_ids
-from shapes import quad, quad_uvs
+from shapes import join, quad, quad_uvs, scene
 
 
 def test_far_uvs_are_numbered_apart():
@@ -21,3 +23,17 @@ def test_uvs_beyond_use_count_as_missing(tmp_path, far):
     scene = load_scene(path)
     assert "1 of 1 faces lack usable UVs" in scene.warnings
     assert np.abs(scene.uvs).max() <= 1
+
+
+def test_uvs_far_away_that_repeat_give_the_same_picture():
+    positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=4)
+    wall = quad((0.5, 0, 0), (0, 1, 0), (0, 0, 1), cells=4)
+    uvs = np.concatenate(
+        [quad_uvs((0.125, 0.125), (0.5, 0.5), cells=4), quad_uvs((0.625, 0.625), (0.25, 0.25), cells=4)]
+    )
+    options = BakeOptions(64, 64, directions=128, unwrap="keep", shadow_size=128)
+    near, far = (
+        bake_scene(scene(*join((positions, faces), wall), uvs + away), options).texture for away in (1.0, 16385.0)
+    )
+    assert near.values[near.valid].std() > 0.1
+    assert (near.values == far.values).all()

@@ -12,8 +12,7 @@ from aoprecalc.model import Atlas, Scene
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.surface.normals import face_directions
-from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import MOST_TILES, Layout, corner_ids, lay_out, leaves_page
+from aoprecalc.texspace.layout import MOST_TILES, Layout, as_atlas, lay_out
 from aoprecalc.texspace.samples import TexelSampler
 
 Sampler = Callable[[Layout], TexelSampler]
@@ -54,9 +53,7 @@ def keep(sampler: Sampler, scene: Scene, width: int, height: int) -> tuple[Atlas
     flat = solid & (doubled_areas(scene.uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))
     if flat.any():
         return None, f"{np.count_nonzero(flat)} faces with area have no area in UV space"
-    wraps = leaves_page(scene.uvs[solid])
-    charts = int(islands(corner_ids(scene.faces[solid], scene.uvs[solid])).max()) + 1
-    atlas = Atlas("keep", scene.uvs, solid, charts, wraps=wraps)
+    atlas = as_atlas(scene, scene.uvs, solid)
     if np.ptp(scene.uvs[solid], axis=1).max() > MOST_TILES:
         return None, f"a face spans more than {MOST_TILES} repeats of the texture"
     overlap = sampler(lay_out(scene, atlas, width, height)).overlap()

@@ -49,7 +49,8 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     if not result.passed:
         raise AoprecalcError(
             f"{result.report['texture']['path']}: its RMS error is {result.verified.levels[0].rmse:.5f}, "
-            f"at most {options.tolerance:g} was allowed; bake it with more directions or texels"
+            f"at most {options.tolerance:g} was allowed; bake it again, or verify it with the "
+            "--normals, --estimator and --two-sided that it was baked with"
         )
 
 

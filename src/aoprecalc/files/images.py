@@ -5,6 +5,7 @@ outside [0, 1] becomes the nearest end.
 """
 
 import tempfile
+import textwrap
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -52,7 +53,7 @@ def choose_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
     if bit_depth not in DEPTHS[suffix]:
         raise UsageError(
             f"{path}: {suffix} holds no values of depth {bit_depth}, it takes {', '.join(DEPTHS[suffix])}; "
-            "choose one of these or another extension"
+            "choose another extension or depth"
         )
     return bit_depth
 
@@ -109,6 +110,8 @@ def read_image(path: str | PathLike[str]) -> Floats:
     """
     import OpenImageIO
 
+    if Path(path).is_dir():
+        raise InputError(f"{path}: is a folder, a picture was expected")
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file, a picture was expected; check the path")
     as_stored = OpenImageIO.ImageSpec()
@@ -133,4 +136,4 @@ def decode_image(data: bytes, name: str) -> Floats:
 
 
 def _line(text: str) -> str:
-    return " ".join(text.split())[:120] or "unknown reason"
+    return textwrap.shorten(text, 160, placeholder=" ...") or "unknown reason"

@@ -16,6 +16,7 @@ from aoprecalc.surface.normals import face_directions
 
 # Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
 LARGEST_COORDINATE = 1e30
+LEAST_EXTENT = 1e-30  # products of areas below it would vanish
 
 # UVs beyond this have lost the digits that tell texels apart.
 LARGEST_UV = 1e5
@@ -97,6 +98,11 @@ def _weld(pieces: Sequence[Piece]) -> tuple[Doubles, NDArray[np.intp]]:
 def _check_positions(path: Path, positions: Doubles) -> None:
     wrong = ~(np.abs(positions) <= LARGEST_COORDINATE).all(axis=1)
     if not wrong.any():
+        extent = np.ptp(positions, axis=0).max()
+        if 0 < extent < LEAST_EXTENT:
+            raise InputError(
+                f"{path}: is {extent:g} units across, at least {LEAST_EXTENT:g} were expected; scale it up"
+            )
         return
     example = ", ".join(f"{number:g}" for number in positions[wrong][0])
     raise InputError(

@@ -18,7 +18,7 @@ _EGL = {"backend": "egl", "libegl": "libEGL.so.1", "libgl": "libGL.so.1"}
 
 _ADVICE = (
     "install a software renderer: `apt-get install libegl1 libgl1 libgl1-mesa-dri` (Debian, Ubuntu), "
-    "`dnf install mesa-libEGL mesa-dri-drivers` (Fedora)"
+    "`dnf install mesa-libEGL mesa-libGL mesa-dri-drivers` (Fedora)"
 )
 
 

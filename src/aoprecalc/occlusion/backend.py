@@ -30,7 +30,7 @@ class Backend(Protocol):
     name: str
 
     def admit(self, options: BakeOptions) -> None:
-        """Raise UsageError, before any work, for sizes that are beyond the backend."""
+        """Raise UsageError for sizes that are beyond the backend."""
         ...
 
     def sampler(self, layout: Layout) -> TexelSampler:
@@ -57,11 +57,14 @@ class MapBackend:
         self.name = renderer.name
 
     def admit(self, options: BakeOptions) -> None:
-        """Hold the sizes to the greatest texture of the renderer."""
+        """Hold the texture to the greatest of the renderer's; its maps never reach that."""
         limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
-        for name, size in (("--size", max(options.width, options.height)), ("--shadow-size", options.shadow_size or 0)):
-            if size > limit:
-                raise UsageError(f"{name} {size} is beyond this renderer ({self.name}); expected at most {limit}")
+        size = max(options.width, options.height)
+        if size > limit:
+            raise UsageError(
+                f"--size {size} is beyond this renderer ({self.name}), at most {limit} was expected; "
+                "use a smaller one, or --backend ray"
+            )
 
     def sampler(self, layout: Layout) -> TexelSampler:
         """Return a Raster."""
@@ -120,9 +123,10 @@ def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backe
     try:
         return MapBackend(stack.enter_context(open_renderer(options.threads)))
     except RendererError as error:
+        no_rays = occluders.obstacle()
+        if no_rays is not None:
+            raise RendererError(f"{error}; or trace rays: {no_rays}") from error
         if options.backend == "gl":
-            raise
-        if not occluders.installed():
-            raise RendererError(f"{error}; or `pip install 'aoprecalc[ray]'`, which traces rays instead") from error
+            raise RendererError(f"{error}; or trace rays: --backend ray") from error
         progress.note(f"rays are traced, which takes longer than maps: {error}")
         return RayBackend(options.threads)

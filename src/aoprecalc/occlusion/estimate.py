@@ -5,8 +5,6 @@ import numpy as np
 from aoprecalc.model import Doubles, Mask
 from aoprecalc.options import Estimator, Sampling
 
-_COMPLETION = (2.0**1.5 - 1.0) ** 0.5  # see sampling_error
-
 
 def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Doubles, Mask]:
     """Return the values of texels, (k,) float64 >= 0, and which of them were measured at all, (k,) bool.
@@ -22,16 +20,15 @@ def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Doub
     return np.divide(visible, whole, out=np.zeros_like(visible), where=measured), measured
 
 
-def sampling_error(
-    halves: Doubles, directions: list[int], estimator: Estimator, sampling: Sampling = "fibonacci"
-) -> float | None:
+def sampling_error(halves: Doubles, directions: list[int], estimator: Estimator, sampling: Sampling) -> float | None:
     """Return the error to expect of the two halves together, RMS over the texels that both measured; None without any.
 
     halves       (2, k, 2): visibility sums of the halves
     directions   how many each has used
-    Half the difference would be the answer if the halves erred independently. The halves of an even set complete each
-    other: its error falls as N^-3/4, so that each half errs 2^(3/4) times as much as the whole, and half the difference
-    is sqrt(2^(3/2) - 1) = 1.35 times the error of the whole. Random directions have no such bond.
+    Let p and q be the halves' shares of the directions. If they erred independently their difference would be
+    1 / sqrt(pq) times the error of the whole. But the halves of an even set complete each other: its error falls as
+    N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
+    have no such bond.
     """
     if not all(directions):
         return None
@@ -41,6 +38,7 @@ def sampling_error(
     both = in_first & in_second
     if not both.any():
         return None
-    difference = first[both] - second[both]
-    share = np.sqrt(directions[0] * directions[1]) / sum(directions)  # 1/2 for equal halves
-    return float(share / (_COMPLETION if sampling == "fibonacci" else 1.0) * np.sqrt((difference**2).mean()))
+    difference = np.sqrt(((first[both] - second[both]) ** 2).mean())
+    p, q = np.divide(directions, sum(directions))
+    bond = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
+    return float(difference * np.sqrt(p * q / bond))

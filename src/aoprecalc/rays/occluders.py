@@ -15,15 +15,22 @@ LIFT = 1e-5
 _BLOCK = 1 << 18  # rays that a thread casts at a time
 
 
-def installed() -> bool:
-    """Tell whether rays can be cast here at all."""
-    return find_spec("embreex") is not None
+def obstacle() -> str | None:
+    """Return why rays cannot be cast here and what to do, or None where they can."""
+    if find_spec("embreex") is None:
+        return "embreex, which traces rays, is not installed; `pip install 'aoprecalc[ray]'`"
+    try:
+        import embreex.rtcore_scene  # noqa: F401
+    except ImportError as error:
+        return f"embreex, which traces rays, cannot be loaded ({error}); install it again"
+    return None
 
 
 def require() -> None:
     """Raise RendererError where rays cannot be cast."""
-    if not installed():
-        raise RendererError("rays need embreex, which is not installed; `pip install 'aoprecalc[ray]'`")
+    reason = obstacle()
+    if reason is not None:
+        raise RendererError(reason)
 
 
 class Occluders:
@@ -32,7 +39,7 @@ class Occluders:
     def __init__(self, positions: Floats, faces: Ints, threads: int = 0) -> None:
         """Build over (v, 3) float32 positions and (f, 3) int32 faces; `threads` cast rays, 0 is one a core.
 
-        Raises RendererError where embreex is not installed.
+        Raises RendererError where rays cannot be cast.
         """
         require()
         from embreex.mesh_construction import TriangleMesh

@@ -113,8 +113,9 @@ def bake_scene(
 ) -> Baked:
     """Bake a scene in memory; nothing is written.
 
-    Raises InputError where the scene cannot be unwrapped as asked, UsageError where the size is beyond the renderer,
-    RendererError where there is none.
+    Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
+    beyond the renderer or too small for the charts, where an unwrapper is asked for that is not installed and where no
+    texel faces any direction, RendererError where there is no renderer.
     """
     progress = progress or Progress()
     watch = watch or Stopwatch(progress)
@@ -134,20 +135,13 @@ def bake_scene(
         overlap = sampler.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels))
         sides = [surface, surface.turned()] if options.two_sided else [surface]
+
+        def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made
+            observer = backend.observer(side, len(texels), shadow_size)
+            return gather(observer, sampler, scene, atlas, texels, directions, options, progress)
+
         with watch.stage("visibility", len(sides) * 2 * len(directions), "directions"):
-            seen = [
-                gather(
-                    backend.observer(side, len(texels), shadow_size),
-                    sampler,
-                    scene,
-                    atlas,
-                    texels,
-                    directions,
-                    options,
-                    progress,
-                )
-                for side in sides
-            ]
+            seen = [look_from(side) for side in sides]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
@@ -182,9 +176,8 @@ def _verified(
 ) -> Verified:
     """Measure the picture that a bake has written."""
     asked = VerifyOptions(estimator=options.estimator, two_sided=options.two_sided, threads=options.threads)
-    atlas = baked.atlas
     with watch.stage("verify", asked.points * (2 if asked.two_sided else 1), "points"):
-        return verify_scene(scene, atlas.uvs, atlas.covers, atlas.wraps, baked.normals, picture, asked, progress)
+        return verify_scene(scene, baked.atlas, baked.normals, picture, asked, progress)
 
 
 def _describe(atlas: Atlas, padding: int) -> str:

@@ -24,14 +24,13 @@ from aoprecalc.measure.heat_map import heat_map_size, paint
 from aoprecalc.measure.lookup import bilinear
 from aoprecalc.measure.points import spread_points
 from aoprecalc.measure.reference import rays_used, reference
-from aoprecalc.model import Atlas, Doubles, Floats, Mask, Scene
+from aoprecalc.model import Atlas, Floats, Scene
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.recipes.stopwatch import Stopwatch
 from aoprecalc.recipes.verify_report import verify_report
 from aoprecalc.surface.normals import face_directions, shading_normals
-from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import corner_ids, lay_out, leaves_page
+from aoprecalc.texspace.layout import as_atlas, lay_out
 from aoprecalc.texspace.scanline import ScanlineRaster
 
 
@@ -78,9 +77,7 @@ def verify(
         atlas, left_out = _atlas(scene, found)
         normals = shading_normals(scene, options.normals, options.crease_angle)
         with watch.stage("rays", options.points * (2 if options.two_sided else 1), "points"):
-            verified = verify_scene(
-                scene, atlas.uvs, atlas.covers, atlas.wraps, normals, found.values, options, progress
-            )
+            verified = verify_scene(scene, atlas, normals, found.values, options, progress)
         if "heat_map" in places:
             with watch.stage("heat map"):
                 _write_heat_map(outputs.path(places["heat_map"]), scene, atlas, found, verified)
@@ -94,30 +91,21 @@ def verify(
 
 
 def verify_scene(
-    scene: Scene,
-    uvs: Doubles,
-    covers: Mask,
-    repeats: bool,
-    normals: Floats,
-    picture: Floats,
-    options: VerifyOptions,
-    progress: Progress,
+    scene: Scene, atlas: Atlas, normals: Floats, picture: Floats, options: VerifyOptions, progress: Progress
 ) -> Verified:
     """Measure a picture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
-    uvs       (f, 3, 2) float64, v upwards
-    covers    (f,) bool: the faces that are measured; some of them have area
-    repeats   the picture goes on beyond [0, 1]; else its border does
+    atlas     how the picture lies on the scene; the faces that it covers are measured, some of them have area
     normals   (f, 3, 3) float32: the shading normals at the corners
     Raises RendererError where rays cannot be cast.
     """
-    points = spread_points(scene, covers, options.points, options.seed)
+    points = spread_points(scene, atlas.covers, options.points, options.seed)
     truth = reference(scene, normals, points, options, progress)
-    places, at = points.at(uvs), points.at(scene.corners)
-    values = bilinear(picture, places, repeats=repeats)
+    places, at = points.at(atlas.uvs), points.at(scene.corners)
+    values = bilinear(picture, places, repeats=atlas.wraps)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))
     return Verified(
-        levels=errors_at_levels(picture, places, truth, repeats=repeats),
+        levels=errors_at_levels(picture, places, truth, repeats=atlas.wraps),
         worst=worst_places(at, places, values, truth, diagonal),
         rays=rays_used(options.rays),
         uvs=places,
@@ -138,12 +126,9 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
             f"{scene.path}: none of its {len(scene.faces)} faces has area and a place in {found.name}; "
             "bake it, or export it with UVs"
         )
-    uvs = found.uvs[covers]
-    wraps = leaves_page(uvs)
-    charts = int(islands(corner_ids(scene.faces[covers], uvs)).max()) + 1
     homeless = np.count_nonzero(found.shown & has_area & ~placed)
     said = [f"{homeless} of {len(scene.faces)} faces have no place in the texture and are left out"] if homeless else []
-    return Atlas("keep", found.uvs, covers, charts, wraps=wraps), said
+    return as_atlas(scene, found.uvs, covers), said
 
 
 def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPicture, verified: Verified) -> None:

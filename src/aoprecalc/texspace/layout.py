@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.model import Atlas, Doubles, Floats, Ints, Scene
-from aoprecalc.surface.topology import borders
+from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.surface.topology import borders, islands
 
 MOST_TILES = 4  # repeats of the texture that a face may span; more are not drawn
 _BEYOND = 1e-6  # by which rounding may move UVs out of [0, 1]
@@ -45,9 +45,12 @@ def lay_out(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
     return Layout(width, height, triangles, faces, border_places, faces[face], corner.astype(np.int32))
 
 
-def leaves_page(uvs: Doubles) -> bool:
-    """Return whether any of (n, 3, 2) UVs lies outside [0, 1] by more than rounding: the texture repeats."""
-    return bool(uvs.min() < -_BEYOND or uvs.max() > 1 + _BEYOND)
+def as_atlas(scene: Scene, uvs: Doubles, covers: Mask) -> Atlas:
+    """Take UVs as they are, (f, 3, 2), for the atlas of the faces in `covers`, (f,) bool, of which there are some."""
+    used = uvs[covers]
+    repeats = bool(used.min() < -_BEYOND or used.max() > 1 + _BEYOND)
+    charts = int(islands(corner_ids(scene.faces[covers], used)).max()) + 1
+    return Atlas("keep", uvs, covers, charts, wraps=repeats)
 
 
 def corner_ids(faces: Ints, uvs: Doubles) -> Ints:

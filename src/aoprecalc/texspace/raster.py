@@ -21,7 +21,7 @@ class Raster:
     """
 
     def __init__(self, context: moderngl.Context, layout: Layout) -> None:
-        """Upload the layout; what is made lives as long as the context."""
+        """Upload the layout."""
         self.layout = layout
         self._context = context
         self._least = least_weights(layout)

@@ -30,7 +30,7 @@ BORDER_RULES = {
     "DISTANCE_DEPTH": DISTANCE_DEPTH,
 }
 
-BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory, and keeps storage buffers under llvmpipe's 128 MB
+BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory
 _BLOCK = 16  # texels a side; measured: the gather is a tenth faster than in rows
 
 

@@ -1,0 +1,25 @@
+"""The buffers of a two-sided bake's first side lived on through its second."""
+
+import gc
+import weakref
+
+from aoprecalc.occlusion.backend import MapBackend
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake_scene
+from shapes import scene, torus
+
+
+def test_the_first_side_is_given_back_before_the_second(monkeypatch):
+    made, alive = [], []
+    plain = MapBackend.observer
+
+    def observer(self, *given):
+        gc.collect()
+        alive.append([before() is not None for before in made])
+        seen = plain(self, *given)
+        made.append(weakref.ref(seen))
+        return seen
+
+    monkeypatch.setattr(MapBackend, "observer", observer)
+    bake_scene(scene(*torus(around=8, across=4)), BakeOptions(64, 64, directions=64, two_sided=True))
+    assert alive == [[], [False]]
