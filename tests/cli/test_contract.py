@@ -123,7 +123,7 @@ BAD = {
     "no directions": (["bake", "ring.obj", "-n", "0"], 2, "-n"),
     "no texels": (["bake", "ring.obj", "--size", "0"], 2, "--size is 0"),
     "a size of letters": (["bake", "ring.obj", "--size", "big"], 2, "expected a number of texels"),
-    "a size beyond the renderer": (["bake", "ring.obj", "--size", "30000"], 2, "expected at most"),
+    "a size beyond the renderer": (["bake", "ring.obj", "--size", "30000"], 2, "was expected"),
     "a picture of no kind": (["bake", "ring.obj", "-o", "ring.xyz"], 2, ".xyz"),
     "a depth that PNG lacks": (["bake", "ring.obj", "--bit-depth", "half"], 2, "half"),
     "a mesh output of no kind": (["bake", "ring.obj", "--mesh-output", "ring.stl"], 2, ".stl"),
