@@ -7,7 +7,7 @@ import moderngl
 _HEADER = "#version 430 core\n"
 
 
-def source(package: str, name: str, **constants: float) -> str:
+def source(package: str, name: str, **constants: float | str) -> str:
     """Return the text of shader `name` in `package`, made complete.
 
     Gives it the version line, a #define for each constant, and, for each line `#include "x.glsl"`, the text of
@@ -26,7 +26,7 @@ def source(package: str, name: str, **constants: float) -> str:
 
 
 def draw_program(
-    context: moderngl.Context, package: str, vertex: str, fragment: str, **constants: float
+    context: moderngl.Context, package: str, vertex: str, fragment: str, **constants: float | str
 ) -> moderngl.Program:
     """Compile a vertex and a fragment shader of `package` into a program."""
     return context.program(
@@ -34,6 +34,8 @@ def draw_program(
     )
 
 
-def compute_program(context: moderngl.Context, package: str, name: str, **constants: float) -> moderngl.ComputeShader:
+def compute_program(
+    context: moderngl.Context, package: str, name: str, **constants: float | str
+) -> moderngl.ComputeShader:
     """Compile a compute shader of `package`."""
     return context.compute_shader(source(package, name, **constants))

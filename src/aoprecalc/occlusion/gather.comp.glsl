@@ -13,61 +13,68 @@
 
 layout(local_size_x = LOCAL_SIZE) in;
 
-// Per axis: map x, map y, depth; pitch x, pitch y; first map texel of the tile.
-// A uniform block, not a storage buffer: llvmpipe reads the latter lane by lane.
-layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
+// Per axis: map x, map y, depth; pitch x, pitch y; first map texel of the tile. All zero for an axis that is none.
+layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 layout(std430, binding = 1) readonly buffer Points { uvec4 points[]; };  // bits of the position, packed shading normal
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
 layout(std430, binding = 3) readonly buffer Normals { float face_normals[]; };
 layout(std430, binding = 4) buffer Sums { vec2 sums[]; };               // visible weight, whole weight
 
-uniform sampler2D maps;
-uniform int axis_count;
+layout(rg32f, binding = 0) readonly uniform image2D maps;  // loads are cheaper than texelFetch on llvmpipe
+
 uniform uint texel_count;
+uniform int most_turns;  // 4, but a loop of constant length is unrolled, and then all turns are taken by all
+
+vec4 point;
+vec3 n, g;
+vec2 sum;
+
+// Adds what the texel sees along one axis.
+void look(int axis) {
+    vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2];
+    vec2 pitch = rows[axis + 3].xy;
+    float g_along = dot(g, along.xyz), n_along = dot(n, along.xyz);
+    float weight = max(0.0, g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0);
+    float towards = g_along > 0.0 ? 1.0 : -1.0;  // the end of the axis from which light comes
+
+    vec2 map = vec2(dot(across, point), dot(upward, point));
+    vec2 tile = rows[axis + 4].xy, cell = floor(map);
+    float depth = dot(along, point);
+    vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * pitch;
+
+    // Where the point lies before all that the map holds there, its own surface ends between it and the centre of the
+    // map texel. Then the next texel on its side tells what there is.
+    vec2 beyond = mix(vec2(-1.0), vec2(1.0), greaterThanEqual(map, cell + 0.5));
+    bool hidden = false;
+    for (int turn = 0; turn < most_turns; turn++) {
+        vec2 read = cell + beyond * vec2(turn == 1 || turn == 2, turn == 1 || turn == 3);
+        vec2 ends = imageLoad(maps, ivec2(read + tile)).rg;
+        vec3 occluder = mapDecode(towards > 0.0 ? ends.x : ends.y);
+        vec2 aside = (read + 0.5 - map) * pitch;
+        float before = occluder.x - towards * depth;
+        float rise = dot(slope, aside) + abs(g_along) * before;
+        float nearer = before - towards * dot(occluder.yz, aside);
+        bool known = occluder.x > NOTHING && nearer > -length(pitch);
+        hidden = known
+            && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
+            && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));
+        if (known) break;
+    }
+
+    sum += vec2(hidden ? 0.0 : weight, weight);
+}
 
 void main() {
     uint texel = gl_GlobalInvocationID.x;
     if (texel >= texel_count || faces[texel] == NO_FACE) return;
 
-    vec4 point = vec4(uintBitsToFloat(points[texel].xyz), 1.0);
-    vec3 n = unpackUnit(points[texel].w);
+    point = vec4(uintBitsToFloat(points[texel].xyz), 1.0);
+    n = unpackUnit(points[texel].w);
     uint face = 3u * faces[texel];
-    vec3 g = vec3(face_normals[face], face_normals[face + 1u], face_normals[face + 2u]);
-
-    // One axis after the other, so that the sums do not depend on how axes are batched.
-    vec2 sum = sums[texel];
-    for (int axis = 0; axis < 5 * axis_count; axis += 5) {
-        vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2];
-        vec2 pitch = rows[axis + 3].xy;
-        float g_along = dot(g, along.xyz), n_along = dot(n, along.xyz);
-        float weight = max(0.0, g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0);
-        float towards = g_along > 0.0 ? 1.0 : -1.0;  // the end of the axis from which light comes
-
-        vec2 map = vec2(dot(across, point), dot(upward, point));
-        vec2 tile = rows[axis + 4].xy, cell = floor(map);
-        float depth = dot(along, point);
-        vec2 slope = vec2(dot(g, across.xyz), dot(g, upward.xyz)) * pitch;
-
-        // Where the point lies before all that the map holds there, its own surface ends between it and the centre of the
-        // map texel. Then the next texel on its side tells what there is.
-        vec2 beyond = mix(vec2(-1.0), vec2(1.0), greaterThanEqual(map, cell + 0.5));
-        bool hidden = false;
-        for (int turn = 0; turn < 4; turn++) {
-            vec2 read = cell + beyond * vec2(turn == 1 || turn == 2, turn == 1 || turn == 3);
-            vec2 ends = texelFetch(maps, ivec2(read + tile), 0).rg;
-            vec3 occluder = mapDecode(towards > 0.0 ? ends.x : ends.y);
-            vec2 aside = (read + 0.5 - map) * pitch;
-            float before = occluder.x - towards * depth;
-            float rise = dot(slope, aside) + abs(g_along) * before;
-            float nearer = before - towards * dot(occluder.yz, aside);
-            bool known = occluder.x > NOTHING && nearer > -length(pitch);
-            hidden = known
-                && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
-                && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));
-            if (known) break;
-        }
-
-        sum += vec2(hidden ? 0.0 : weight, weight);
-    }
+    g = vec3(face_normals[face], face_normals[face + 1u], face_normals[face + 2u]);
+    sum = sums[texel];
+    // One axis after the other, so that the sums do not depend on how axes are batched. EACH_AXIS calls look() for all
+    // of a batch by constants: what has a variable index llvmpipe reads lane by lane (measured: a fifth of the time).
+    EACH_AXIS
     sums[texel] = sum;
 }

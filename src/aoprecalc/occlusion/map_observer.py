@@ -24,7 +24,7 @@ class MapObserver:
         self._outline = extreme_points(surface.positions.astype(np.float64))
         self._size = shadow_size
         self._maps = NearFarMaps(renderer.context, surface.positions, surface.faces, shadow_size)
-        self._receivers = Receivers(renderer.context, surface, count)
+        self._receivers = Receivers(renderer.context, surface, count, self._maps)
 
     def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Doubles:
         """Return the visibility sums of the samples, see Observer."""
@@ -33,7 +33,6 @@ class MapObserver:
         for start in range(0, len(axes), self._maps.capacity):
             batch = slice(start, start + self._maps.capacity)
             self._maps.draw(Projections(projections.rows[batch], projections.pitch[batch]))
-            count = len(projections.rows[batch])
-            self._receivers.gather(self._maps, count)
-            progress.advance(2 * count)
+            self._receivers.gather()
+            progress.advance(2 * len(projections.rows[batch]))
         return self._receivers.sums().astype(np.float64)

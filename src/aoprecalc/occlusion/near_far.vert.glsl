@@ -1,6 +1,6 @@
 // Occluders seen along several axes at once: one instance an axis, one tile of the target an instance.
 
-layout(std140, binding = 0) uniform Axes { vec4 rows[5 * MOST_AXES]; };
+layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 
 uniform vec2 target_size;  // map texels
 

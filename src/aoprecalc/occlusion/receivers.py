@@ -7,7 +7,7 @@ import numpy as np
 
 from aoprecalc.gl.programs import compute_program
 from aoprecalc.model import Floats
-from aoprecalc.occlusion.near_far import GRID, MOST_AXES, NearFarMaps
+from aoprecalc.occlusion.near_far import GRID, NearFarMaps
 from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.samples import Samples
 
@@ -31,12 +31,17 @@ class _Store:
 class Receivers:
     """Puts a receiver at each sample, gathers visibility for all of them, and hands back the sums."""
 
-    def __init__(self, context: moderngl.Context, surface: UnitSurface, count: int) -> None:
-        """Upload the surface, and make room for `count` receivers."""
-        constants = {"LOCAL_SIZE": _LOCAL_SIZE, "NO_FACE": _NO_FACE, "MOST_AXES": MOST_AXES, "GRID": float(GRID)}
+    def __init__(self, context: moderngl.Context, surface: UnitSurface, count: int, maps: NearFarMaps) -> None:
+        """Upload the surface, and make room for `count` receivers that look into `maps`."""
+        constants = {"LOCAL_SIZE": _LOCAL_SIZE, "NO_FACE": _NO_FACE}
+        looks = " ".join(f"look({5 * axis});" for axis in range(maps.capacity))
         self._context = context
         self._receive = compute_program(context, __package__, "receive.comp.glsl", **constants)
-        self._gather = compute_program(context, __package__, "gather.comp.glsl", **constants)
+        self._gather = compute_program(
+            context, __package__, "gather.comp.glsl", AXES=maps.capacity, EACH_AXIS=looks, GRID=float(GRID), **constants
+        )
+        self._gather["most_turns"] = 4
+        self._maps = maps
         self._surface = [
             context.buffer(np.ascontiguousarray(array))
             for array in (surface.positions, surface.faces.astype(np.uint32), surface.shading, surface.geometric)
@@ -54,11 +59,10 @@ class Receivers:
                 buffer.bind_to_storage_buffer(binding)
             self._run(self._receive, store)
 
-    def gather(self, maps: NearFarMaps, axes: int) -> None:
-        """Add what every receiver sees along the `axes` that `maps` holds at present."""
-        self._gather["axis_count"] = axes
-        maps.texture.use(0)
-        maps.axes.bind_to_uniform_block(0)
+    def gather(self) -> None:
+        """Add what every receiver sees along the axes that the maps hold at present."""
+        self._maps.texture.bind_to_image(0, read=True, write=False)
+        self._maps.axes.bind_to_uniform_block(0)
         self._surface[3].bind_to_storage_buffer(3)
         for store in self._stores:
             for binding, buffer in ((1, store.points), (2, store.faces), (4, store.sums)):
