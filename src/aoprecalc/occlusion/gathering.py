@@ -54,13 +54,14 @@ def gather(
     used = [0, 0]  # directions of each half
     error = None
     for number, group in enumerate(groups(len(axes))):
-        samples = sampler.samples(texels, texel_offset(number))
+        spot = texel_offset(number)
+        samples = sampler.samples(texels, spot)
         sums = observer.look(samples, axes[group], progress)
         count = 2 * (group.stop - group.start)
         values, measured = estimate(sums, count, options.estimator)
         counts_for = sums[:, 1] if options.estimator == "ratio" else float(count)  # as in the sum of all groups
         weights = np.where(measured, counts_for * stands_for[samples.faces], 0.0)
-        reconstruction.add(places(atlas, texels, samples), 1.0 - values, weights)
+        reconstruction.add(places(atlas, texels, samples), 1.0 - values, weights, spot)
         halves[number % 2] += sums
         used[number % 2] += count
         if number % 2 or group.stop == len(axes):

@@ -26,7 +26,9 @@ def least_weights(layout: Layout) -> Floats:
 
 def off_borders(weights: Floats, faces: Ints, least: Floats) -> Floats:
     """Return (n, 3) weights of samples moved away from the borders of their faces; -1 is no face."""
-    close = np.flatnonzero((faces >= 0) & (weights < least[faces]).any(axis=1))
+    bordering = np.append(least.any(axis=1), False)  # the last one for those without a face
+    close = np.flatnonzero(bordering[faces])
+    close = close[(weights[close] < least[faces[close]]).any(axis=1)]
     if not len(close):
         return weights
     moved, lowest = weights[close], least[faces[close]]

@@ -7,6 +7,7 @@ it, and gives a value to each texel that a look-up on the surface can touch, cov
 (Idea: L. Kavan, A. W. Bargteil, P.-P. Sloan, "Least Squares Vertex Baking", 2011, there for values at vertices.)
 """
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -21,6 +22,10 @@ Indices = NDArray[np.int64]
 _PRIOR = 1.0
 _PRECISION = 1e-3  # of the solution: the residual over the first one
 _MOST_STEPS = 40
+
+_AT_SPOT = 1.0 / 256.0  # texels from a spot that are as good as none; 32 bits resolve a quarter of it in 16k pictures
+
+_TAPS = ((0, 0), (0, 1), (1, 0), (1, 1))  # (down, right): the texels of a look-up
 
 # Neighbours (down, right) that a look-up can combine with a texel; the four others are their mirror images.
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
@@ -37,21 +42,20 @@ class Reconstruction:
         self._beside = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
 
-    def add(self, places: Floats, values: Doubles, weights: Doubles) -> None:
-        """Add measurements: (m, 2) float32 places in texels (right, down), (m,) values and (m,) weights >= 0."""
+    def add(self, places: Floats, values: Doubles, weights: Doubles, spot: tuple[float, float] | None = None) -> None:
+        """Add measurements: (m, 2) float32 places in texels (right, down), (m,) values and (m,) weights >= 0.
+
+        spot   where in the square of its texel a place usually lies: all of these are added at once, which is faster
+        """
         used = weights > 0
         if not used.all():
             places, values, weights = places[used], values[used], weights[used]
         self._weight, self._count = self._weight + float(weights.sum()), self._count + len(weights)
-        taps = dict(self._taps(places))
-        for tap, (index, share) in taps.items():
-            weighted = weights * share
-            self._scatter(self._targets, index, weighted * values)
-            self._scatter(self._diagonal, index, weighted * share)
-            for (down, right), plane in self._beside.items():
-                other = (tap[0] + down, tap[1] + right)
-                if other in taps:
-                    self._scatter(plane, index, weighted * taps[other][1])
+        if spot is not None:
+            there, texel = self._at(spot, places)
+            self._add_pattern(spot, texel[there], values[there], weights[there])
+            places, values, weights = places[~there], values[~there], weights[~there]
+        self._add_each(places, values, weights)
 
     def touched(self) -> Mask:
         """Return which texels a look-up at any of the places reads, (height, width)."""
@@ -84,6 +88,50 @@ class Reconstruction:
             direction = scaled + np.float32(power / before) * direction
         return picture + change
 
+    def _at(self, spot: tuple[float, float], places: Floats) -> tuple[Mask, Indices]:
+        """Return which places lie at the spot of their texel, away from the picture's edges, and all their texels."""
+        height, width = self._shape
+        there: Mask = np.ones(len(places), bool)
+        corners = []
+        for place, wanted, size in zip(places.T, spot, (width, height), strict=True):
+            corner = np.floor(place)
+            there &= (np.abs(place - corner - np.float32(wanted)) < _AT_SPOT) & (corner > 0) & (corner < size - 1)
+            corners.append(corner.astype(np.int64))
+        return there, corners[1] * width + corners[0]
+
+    def _add_pattern(self, spot: tuple[float, float], texel: Indices, values: Doubles, weights: Doubles) -> None:
+        """Add measurements at the same spot of texels off the edges: look-ups from there share one set of shares."""
+        weight, weighted = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
+        self._scatter(weight, texel, weights)
+        self._scatter(weighted, texel, weights * values)
+        right, down = spot[0] - 0.5, spot[1] - 0.5
+        first = math.floor(down), math.floor(right)
+        below, along = down - first[0], right - first[1]
+        shares = {
+            (lower, farther): np.float32((below if lower else 1 - below) * (along if farther else 1 - along))
+            for lower, farther in _TAPS
+        }
+        for (lower, farther), share in shares.items():
+            shift = first[0] + lower, first[1] + farther
+            _add_shifted(self._targets, shift, share * weighted)
+            _add_shifted(self._diagonal, shift, share * share * weight)
+            for (down_by, right_by), plane in self._beside.items():
+                other = shares.get((lower + down_by, farther + right_by))
+                if other is not None:
+                    _add_shifted(plane, shift, share * other * weight)
+
+    def _add_each(self, places: Floats, values: Doubles, weights: Doubles) -> None:
+        """Add measurements at any places, one by one."""
+        taps = dict(self._taps(places))
+        for tap, (index, share) in taps.items():
+            weighted = weights * share
+            self._scatter(self._targets, index, weighted * values)
+            self._scatter(self._diagonal, index, weighted * share)
+            for (down, right), plane in self._beside.items():
+                other = (tap[0] + down, tap[1] + right)
+                if other in taps:
+                    self._scatter(plane, index, weighted * taps[other][1])
+
     def _taps(self, places: Floats) -> Iterator[tuple[tuple[int, int], tuple[Indices, Floats]]]:
         """Yield the four texels of a look-up: where each lies (down, right), its flat indices and its shares."""
         height, width = self._shape
@@ -100,13 +148,12 @@ class Reconstruction:
             columns, rows = (
                 (at, np.minimum(at + 1, size - 1)) for at, size in zip(first, (width, height), strict=True)
             )
-        for lower in (0, 1):
-            for farther in (0, 1):
-                share = (below if lower else 1 - below) * (along if farther else 1 - along)
-                yield (lower, farther), (rows[lower] * width + columns[farther], share)
+        for lower, farther in _TAPS:
+            share = (below if lower else 1 - below) * (along if farther else 1 - along)
+            yield (lower, farther), (rows[lower] * width + columns[farther], share)
 
     def _scatter(self, plane: Floats, index: Indices, values: Doubles) -> None:
-        plane += np.bincount(index, values, minlength=plane.size).reshape(plane.shape)
+        np.add.at(plane.reshape(-1), index, values.astype(np.float32))
 
     def _apply(self, picture: Floats, diagonal: Floats) -> Floats:
         """Multiply a picture by the symmetric matrix of the normal equations with this diagonal."""
@@ -115,6 +162,13 @@ class Reconstruction:
             result += plane * np.roll(picture, (-down, -right), axis=(0, 1))
             result += np.roll(plane * picture, (down, right), axis=(0, 1))
         return result
+
+
+def _add_shifted(plane: Floats, shift: tuple[int, int], added: Floats) -> None:
+    """Add a picture, 0 at its edges, moved (down, right) by at most one texel each."""
+    to = tuple(slice(max(0, by), size + min(0, by)) for by, size in zip(shift, plane.shape, strict=True))
+    of = tuple(slice(max(0, -by), size + min(0, -by)) for by, size in zip(shift, plane.shape, strict=True))
+    plane[to] += added[of]
 
 
 def _dot(a: Floats, b: Floats) -> float:
