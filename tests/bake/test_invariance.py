@@ -12,7 +12,7 @@ from aoprecalc.occlusion import backend, near_far
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
 from aoprecalc.texspace import samples
-from shapes import ball, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
+from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
 OPTIONS = BakeOptions(width=96, height=96, directions=512, shadow_size=512)
 SAMPLING_ERROR = 0.0075  # RMS between the pictures of two sets of 512 directions, as rendered
@@ -79,6 +79,20 @@ def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
     monkeypatch.setattr(near_far, "_TARGET_BYTES", 1)  # one map at a time
     monkeypatch.setattr(samples, "BAND_TEXELS", 7 * 96)
     assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
+
+
+def test_looking_through_small_triangles_finds_what_a_rasteriser_finds(monkeypatch):
+    """Both ways sample the same planes at the same centres; only the rounding of their depths is up to the renderer."""
+    floor = quad((-2, -2, -1.2), (4, 0, 0), (0, 4, 0), cells=6)
+    made = scene(*join(dented(3), floor))
+    options = BakeOptions(width=96, height=96, directions=128, shadow_size=128)
+    pictures = []
+    for small in (0.0, 16.0, 1000.0):  # none, all but the floor, all
+        monkeypatch.setattr(near_far, "_SMALL", small)
+        pictures.append(bake_scene(made, options).texture.values)
+    assert pictures[0].std() > 0.1
+    assert np.abs(pictures[1] - pictures[0]).mean() < 1e-5
+    assert np.abs(pictures[2] - pictures[0]).mean() < 1e-5
 
 
 def test_more_directions_come_closer():

@@ -1,10 +1,12 @@
 """Shader programs from the `.glsl` files that lie beside the code that uses them."""
 
+import re
 from importlib.resources import files
 
 import moderngl
 
 _HEADER = "#version 430 core\n"
+_INCLUDE = re.compile(r'^#include "(.+)"$', re.MULTILINE)
 
 
 def source(package: str, name: str, **constants: float | str) -> str:
@@ -13,16 +15,14 @@ def source(package: str, name: str, **constants: float | str) -> str:
     Gives it the version line, a #define for each constant, and, for each line `#include "x.glsl"`, the text of
     that file beside the shader or in this folder.
     """
-    text = (files(package) / name).read_text(encoding="utf-8")
-    lines = []
-    for line in text.splitlines():
-        if line.startswith("#include"):
-            name = line.split('"')[1]
-            beside = files(package) / name
-            line = (beside if beside.is_file() else files("aoprecalc.gl") / name).read_text(encoding="utf-8")
-        lines.append(line)
     defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
-    return _HEADER + defines + "\n".join(lines) + "\n"
+    return _HEADER + defines + _text(package, name)
+
+
+def _text(package: str, name: str) -> str:
+    beside = files(package) / name
+    text = (beside if beside.is_file() else files("aoprecalc.gl") / name).read_text(encoding="utf-8")
+    return _INCLUDE.sub(lambda line: _text(package, line[1]), text)
 
 
 def draw_program(

@@ -20,7 +20,8 @@ layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face 
 layout(std430, binding = 3) readonly buffer Normals { float face_normals[]; };
 layout(std430, binding = 4) buffer Sums { vec2 sums[]; };               // visible weight, whole weight
 
-layout(rg32f, binding = 0) readonly uniform image2D maps;  // loads are cheaper than texelFetch on llvmpipe
+layout(r32ui, binding = 0) readonly uniform uimage2D nears;  // an image's loads are cheaper than texelFetch on llvmpipe
+layout(r32ui, binding = 1) readonly uniform uimage2D fars;
 
 uniform uint texel_count;
 uniform int most_turns;  // 4, but a loop of constant length is unrolled, and then all turns are taken by all
@@ -48,13 +49,15 @@ void look(int axis) {
     bool hidden = false;
     for (int turn = 0; turn < most_turns; turn++) {
         vec2 read = cell + beyond * vec2(turn == 1 || turn == 2, turn == 1 || turn == 3);
-        vec2 ends = imageLoad(maps, ivec2(read + tile)).rg;
-        vec3 occluder = mapDecode(towards > 0.0 ? ends.x : ends.y);
+        uint code;
+        if (towards > 0.0) code = imageLoad(nears, ivec2(read + tile)).r;
+        else code = imageLoad(fars, ivec2(read + tile)).r;
+        vec3 occluder = mapDecode(code);
         vec2 aside = (read + 0.5 - map) * pitch;
         float before = occluder.x - towards * depth;
         float rise = dot(slope, aside) + abs(g_along) * before;
         float nearer = before - towards * dot(occluder.yz, aside);
-        bool known = occluder.x > NOTHING && nearer > -length(pitch);
+        bool known = code != 0u && nearer > -length(pitch);
         hidden = known
             && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
             && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));

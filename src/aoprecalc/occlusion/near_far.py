@@ -1,22 +1,25 @@
-"""Near/far maps: the two ends of the occluders along every axis of a batch, in one pass over the triangles."""
+"""Near/far maps: the two ends of the occluders along every axis of a batch."""
 
 import moderngl
 import numpy as np
 
 from aoprecalc.errors import UsageError
-from aoprecalc.gl.programs import draw_program
+from aoprecalc.gl.programs import compute_program, draw_program
 from aoprecalc.model import Floats, Ints
 from aoprecalc.occlusion.projection import Projections
+from aoprecalc.surface.z_order import z_order
 
 GRID = 256  # steps a map texel to which vertices are moved: rasterisers do it, and doing it first makes all tiles equal
-_TARGET_BYTES = 1 << 25  # of one batch of maps
-_CELL_BYTES = 8  # two 32-bit floats
 _MOST_AXES = 8  # of one batch: the gather is compiled for all of them, 16 take half a second
-_EMPTY = -3e38  # lies behind everything, seen from either end
+_TARGET_BYTES = 1 << 25  # of one batch of maps
+_CELL_BYTES = 8  # two whole numbers of 32 bits
+_SMALL = 16.0  # map texels: triangles without a longer edge are looked through, others are rasterised
+_LOCAL_SIZE = 64
+_R32UI = 0x8236  # of OpenGL: the bits of a float as a whole number
 
 
 class NearFarMaps:
-    """Tiles of one two-channel target, one an axis; blending keeps the occluders at both ends (see map_code.glsl)."""
+    """Tiles, one an axis, of two targets: what is nearest to its positive and its negative end; see map_code.glsl."""
 
     def __init__(self, context: moderngl.Context, positions: Floats, faces: Ints, size: int) -> None:
         """Upload occluders, (v, 3) positions about the origin and within 1 of it; `size` is a map's side in texels."""
@@ -27,31 +30,51 @@ class NearFarMaps:
         self._origins = size * np.column_stack(np.divmod(np.arange(self.capacity), across)[::-1])
         shape = (size * across, size * (self.capacity // across))
         self._context = context
-        self.texture = context.texture(shape, 2, dtype="f4")
+        self._ends = [context.texture(shape, 1, dtype="f4") for _ in range(2)]
         try:
-            self._target = context.framebuffer([self.texture])
+            self._target = context.framebuffer(self._ends)
         except moderngl.Error as error:
             raise UsageError(f"--shadow-size {size} is beyond this renderer; use a smaller one, or auto") from error
-        self.axes = context.buffer(reserve=self.capacity * 5 * 16)
-        self._program = draw_program(
-            context, __package__, "near_far.vert.glsl", "near_far.frag.glsl", AXES=self.capacity, GRID=float(GRID)
-        )
-        self._program["target_size"] = shape
-        self._mesh = context.vertex_array(
-            self._program,
-            [(context.buffer(np.ascontiguousarray(positions, np.float32)), "3f", "in_position")],
-            index_buffer=context.buffer(np.ascontiguousarray(faces, np.uint32)),
-        )
+        self._axes = context.buffer(reserve=self.capacity * 5 * 16)
+        constants = {"AXES": self.capacity, "GRID": float(GRID)}
+        self._small = compute_program(context, __package__, "small.comp.glsl", LOCAL_SIZE=_LOCAL_SIZE, **constants)
+        self._large = draw_program(context, __package__, "large.vert.glsl", "large.frag.glsl", **constants)
+        self._large["target_size"] = shape
+
+        corners = positions[faces].astype(np.float32)
+        longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+        # Like sizes together, as invocations run side by side; within them, neighbours write to the same part of a map.
+        sizes = np.ceil(np.log2(np.maximum(longest, 1e-9)))
+        order = np.lexsort([z_order((511 * (corners.mean(axis=1) + 1)).astype(np.int64)), sizes])
+        self._longest = np.maximum.accumulate(longest[order])
+        self._corners = context.buffer(np.ascontiguousarray(corners[order]))
+        self._triangles = context.vertex_array(self._large, [(self._corners, "3f", "in_position")])
 
     def draw(self, projections: Projections) -> None:
-        """Draw the maps of at most `capacity` projections; they stay in `texture` and `axes` until the next call."""
-        self.axes.write(self._axis_rows(projections))
+        """Draw the maps of at most `capacity` projections; they stay until the next call."""
+        small = int(np.searchsorted(self._longest, _SMALL * projections.pitch.min()))
+        self._axes.write(self._axis_rows(projections))
         self._target.use()
-        self._target.clear(_EMPTY, _EMPTY)
-        self._context.enable_only(moderngl.BLEND)
-        self._context.blend_equation = moderngl.MAX, moderngl.MAX
-        self.axes.bind_to_uniform_block(0)
-        self._mesh.render(moderngl.TRIANGLES, instances=len(projections.rows))
+        self._target.clear()
+        self.bind()
+        if small:
+            self._corners.bind_to_storage_buffer(0)
+            self._small["triangle_count"] = small
+            for axis in range(len(projections.rows)):
+                self._small["axis"] = 5 * axis
+                self._small.run(-(-small // _LOCAL_SIZE))
+            self._context.memory_barrier()
+        if small < len(self._longest):
+            self._context.enable_only(moderngl.BLEND)
+            self._context.blend_equation = moderngl.MAX, moderngl.MAX
+            left = 3 * (len(self._longest) - small)
+            self._triangles.render(moderngl.TRIANGLES, left, first=3 * small, instances=len(projections.rows))
+
+    def bind(self) -> None:
+        """Let shaders read the maps, as images 0 and 1, and their axes, as uniform block 0."""
+        self._axes.bind_to_uniform_block(0)
+        for unit, end in enumerate(self._ends):
+            end.bind_to_image(unit, format=_R32UI)
 
     def _axis_rows(self, projections: Projections) -> Floats:
         """What the shaders read for each axis, (capacity, 5, 4) float32: the projection, the pitch, and the tile."""

@@ -61,8 +61,7 @@ class Receivers:
 
     def gather(self) -> None:
         """Add what every receiver sees along the axes that the maps hold at present."""
-        self._maps.texture.bind_to_image(0, read=True, write=False)
-        self._maps.axes.bind_to_uniform_block(0)
+        self._maps.bind()
         self._surface[3].bind_to_storage_buffer(3)
         for store in self._stores:
             for binding, buffer in ((1, store.points), (2, store.faces), (4, store.sums)):

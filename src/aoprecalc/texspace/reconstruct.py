@@ -23,7 +23,7 @@ _PRIOR = 1.0
 _PRECISION = 1e-3  # of the solution: the residual over the first one
 _MOST_STEPS = 40
 
-_AT_SPOT = 1.0 / 256.0  # texels from a spot that are as good as none; 32 bits resolve a quarter of it in 16k pictures
+_AT_SPOT = 2.5e-7  # of the picture's side: two roundings of a place in 32 bits
 
 _TAPS = ((0, 0), (0, 1), (1, 0), (1, 1))  # (down, right): the texels of a look-up
 
@@ -95,15 +95,19 @@ class Reconstruction:
         corners = []
         for place, wanted, size in zip(places.T, spot, (width, height), strict=True):
             corner = np.floor(place)
-            there &= (np.abs(place - corner - np.float32(wanted)) < _AT_SPOT) & (corner > 0) & (corner < size - 1)
+            there &= (
+                (np.abs(place - corner - np.float32(wanted)) < _AT_SPOT * max(self._shape))
+                & (corner > 0)
+                & (corner < size - 1)
+            )
             corners.append(corner.astype(np.int64))
         return there, corners[1] * width + corners[0]
 
     def _add_pattern(self, spot: tuple[float, float], texel: Indices, values: Doubles, weights: Doubles) -> None:
         """Add measurements at the same spot of texels off the edges: look-ups from there share one set of shares."""
         weight, weighted = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
-        self._scatter(weight, texel, weights)
-        self._scatter(weighted, texel, weights * values)
+        np.add.at(weight.reshape(-1), texel, weights.astype(np.float32))
+        np.add.at(weighted.reshape(-1), texel, (weights * values).astype(np.float32))
         right, down = spot[0] - 0.5, spot[1] - 0.5
         first = math.floor(down), math.floor(right)
         below, along = down - first[0], right - first[1]
@@ -124,13 +128,14 @@ class Reconstruction:
         """Add measurements at any places, one by one."""
         taps = dict(self._taps(places))
         for tap, (index, share) in taps.items():
+            texels, which = np.unique(index, return_inverse=True)
             weighted = weights * share
-            self._scatter(self._targets, index, weighted * values)
-            self._scatter(self._diagonal, index, weighted * share)
+            _scatter(self._targets, texels, which, weighted * values)
+            _scatter(self._diagonal, texels, which, weighted * share)
             for (down, right), plane in self._beside.items():
                 other = (tap[0] + down, tap[1] + right)
                 if other in taps:
-                    self._scatter(plane, index, weighted * taps[other][1])
+                    _scatter(plane, texels, which, weighted * taps[other][1])
 
     def _taps(self, places: Floats) -> Iterator[tuple[tuple[int, int], tuple[Indices, Floats]]]:
         """Yield the four texels of a look-up: where each lies (down, right), its flat indices and its shares."""
@@ -152,9 +157,6 @@ class Reconstruction:
             share = (below if lower else 1 - below) * (along if farther else 1 - along)
             yield (lower, farther), (rows[lower] * width + columns[farther], share)
 
-    def _scatter(self, plane: Floats, index: Indices, values: Doubles) -> None:
-        np.add.at(plane.reshape(-1), index, values.astype(np.float32))
-
     def _apply(self, picture: Floats, diagonal: Floats) -> Floats:
         """Multiply a picture by the symmetric matrix of the normal equations with this diagonal."""
         result: Floats = diagonal * picture
@@ -162,6 +164,11 @@ class Reconstruction:
             result += plane * np.roll(picture, (-down, -right), axis=(0, 1))
             result += np.roll(plane * picture, (down, right), axis=(0, 1))
         return result
+
+
+def _scatter(plane: Floats, texels: Indices, which: Indices, values: Doubles) -> None:
+    """Add each value to one of the texels, which are distinct."""
+    plane.reshape(-1)[texels] += np.bincount(which, values, minlength=len(texels)).astype(np.float32)
 
 
 def _add_shifted(plane: Floats, shift: tuple[int, int], added: Floats) -> None:

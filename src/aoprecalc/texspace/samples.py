@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.model import Floats, Ints, Texels
+from aoprecalc.surface.z_order import z_order
 
 GRID = 256  # steps a texel: rasterisers snap corners to it
 CENTER = (0.5, 0.5)  # where a texel is sampled to tell whether it is covered
@@ -72,19 +73,11 @@ def bands(width: int, height: int) -> list[tuple[int, int]]:
 
 
 def in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Order texels by squares of the picture along a Z-order curve (G. M. Morton, 1966).
-
-    Neighbours in the picture, which read the same part of a map, are neighbours in the order.
-    """
-    row, column = (_spread(at // _BLOCK) for at in np.divmod(index, width))
-    return index[np.argsort(row << 1 | column, kind="stable")]
-
-
-def _spread(bits: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Move the 16 low bits of each number apart: bit k becomes bit 2k."""
-    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-        bits = (bits | bits << shift) & mask
-    return bits
+    """Order texels by squares of the picture along a Z-order curve: neighbours read the same part of a map."""
+    row, column = (at // _BLOCK for at in np.divmod(index, width))
+    across = -(-width // _BLOCK)
+    blocks = np.column_stack(np.divmod(np.arange(across * (int(row.max(initial=0)) + 1)), across))
+    return index[np.argsort(z_order(blocks)[row * across + column], kind="stable")]
 
 
 def kept_inside(weights: Floats) -> Floats:

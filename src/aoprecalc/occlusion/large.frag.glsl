@@ -1,0 +1,15 @@
+// Blended with MAX: the first target keeps the occluder nearest to the axis' positive end, the second to its negative
+// end, where depths count the other way and slopes as in the first.
+
+#include "map_code.glsl"
+
+in float depth;
+flat in vec2 pitch;
+layout(location = 0) out float near;
+layout(location = 1) out float far;
+
+void main() {
+    uint slopes = slopesCode(vec2(dFdx(depth), dFdy(depth)) / pitch);
+    near = uintBitsToFloat(mapCode(depth, slopes));
+    far = uintBitsToFloat(mapCode(-depth, slopes));
+}
