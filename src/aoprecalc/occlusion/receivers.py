@@ -33,12 +33,15 @@ class Receivers:
 
     def __init__(self, context: moderngl.Context, surface: UnitSurface, count: int, maps: NearFarMaps) -> None:
         """Upload the surface, and make room for `count` receivers that look into `maps`."""
-        constants = {"LOCAL_SIZE": _LOCAL_SIZE, "NO_FACE": _NO_FACE}
-        looks = " ".join(f"look({5 * axis});" for axis in range(maps.capacity))
+        constants: dict[str, float | str] = {"LOCAL_SIZE": f"{_LOCAL_SIZE}u", "NO_FACE": _NO_FACE}
+        looks = " ".join(f"look(one, {5 * axis}); look(other, {5 * axis});" for axis in range(maps.capacity))
         self._context = context
         self._receive = compute_program(context, __package__, "receive.comp.glsl", **constants)
         self._gather = compute_program(
-            context, __package__, "gather.comp.glsl", AXES=maps.capacity, EACH_AXIS=looks, GRID=float(GRID), **constants
+            context,
+            __package__,
+            "gather.comp.glsl",
+            **constants | {"AXES": maps.capacity, "EACH_AXIS": looks, "GRID": float(GRID)},
         )
         self._gather["most_turns"] = 4
         self._maps = maps
@@ -66,15 +69,16 @@ class Receivers:
         for store in self._stores:
             for binding, buffer in ((1, store.points), (2, store.faces), (4, store.sums)):
                 buffer.bind_to_storage_buffer(binding)
-            self._run(self._gather, store)
+            self._run(self._gather, store, 2)
 
     def sums(self) -> Floats:
         """Return the sums since `place`, (k, 2) float32: weight of what is visible, and of all."""
         return np.concatenate([np.frombuffer(store.sums.read(), np.float32).reshape(-1, 2) for store in self._stores])
 
-    def _run(self, program: moderngl.ComputeShader, store: _Store) -> None:
+    def _run(self, program: moderngl.ComputeShader, store: _Store, each: int = 1) -> None:
+        """Run a program of which an invocation takes `each` texels."""
         program["texel_count"] = store.count
-        program.run(-(-store.count // _LOCAL_SIZE))
+        program.run(-(-store.count // (each * _LOCAL_SIZE)))
         self._context.memory_barrier()
 
     def _store(self, texels: slice) -> _Store:

@@ -2,6 +2,7 @@
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.gl.programs import draw_program
 from aoprecalc.model import Floats, Texels
@@ -60,7 +61,9 @@ class Raster:
         faces, weights = np.empty(len(texels), np.int32), np.empty((len(texels), 3), np.float32)
         for row, rows in self._bands:
             start, stop = row * self.layout.width, (row + rows) * self.layout.width
-            band = np.flatnonzero((texels.index >= start) & (texels.index < stop))
+            band: slice | NDArray[np.intp] = slice(None)
+            if len(self._bands) > 1:
+                band = np.flatnonzero((texels.index >= start) & (texels.index < stop))
             found = self._read(row, rows, sample_at)[texels.index[band] - start]
             faces[band] = found[:, 0].astype(np.int32) - 1
             weights[band] = kept_inside(found[:, 1:3].T)
