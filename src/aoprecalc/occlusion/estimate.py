@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from aoprecalc.model import Doubles, Mask
+from aoprecalc.model import Floats, Mask
 from aoprecalc.options import Estimator, Sampling
 
 
-def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Doubles, Mask]:
-    """Return the values of texels, (k,) float64 >= 0, and which of them were measured at all, (k,) bool.
+def estimate(sums: Floats, directions: int, estimator: Estimator) -> tuple[Floats, Mask]:
+    """Return the values of texels, (k,) float32 >= 0, and which of them were measured at all, (k,) bool.
 
     sums   (k, 2): the weight of visible directions, and of all in front of the surface
     ratio  their quotient: self-normalised, exactly 1 on an open point
@@ -16,11 +16,11 @@ def estimate(sums: Doubles, directions: int, estimator: Estimator) -> tuple[Doub
     visible, whole = sums[:, 0], sums[:, 1]
     measured = whole > 0
     if estimator == "mean":
-        return visible * (4.0 / directions), measured
+        return visible * np.float32(4.0 / directions), measured
     return np.divide(visible, whole, out=np.zeros_like(visible), where=measured), measured
 
 
-def sampling_error(halves: Doubles, directions: list[int], estimator: Estimator, sampling: Sampling) -> float | None:
+def sampling_error(halves: Floats, directions: list[int], estimator: Estimator, sampling: Sampling) -> float | None:
     """Return the error to expect of the two halves together, RMS over the texels that both measured; None without any.
 
     halves       (2, k, 2): visibility sums of the halves
@@ -38,7 +38,7 @@ def sampling_error(halves: Doubles, directions: list[int], estimator: Estimator,
     both = in_first & in_second
     if not both.any():
         return None
-    difference = np.sqrt(((first[both] - second[both]) ** 2).mean())
+    difference = np.sqrt(((first[both] - second[both]) ** 2).mean(dtype=np.float64))
     p, q = np.divide(directions, sum(directions))
     bond = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
     return float(difference * np.sqrt(p * q / bond))

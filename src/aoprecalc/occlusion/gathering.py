@@ -12,7 +12,9 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.places import places, surface_of_texel
 from aoprecalc.texspace.reconstruct import Reconstruction
-from aoprecalc.texspace.samples import TexelSampler
+from aoprecalc.texspace.samples import Samples, TexelSampler
+
+_PART = 1 << 20  # samples that are fitted at a time: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,23 +52,29 @@ def gather(
     """
     reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
     stands_for = surface_of_texel(scene, atlas, texels)
-    halves = np.zeros((2, len(texels), 2))
+    halves = np.zeros((2, len(texels), 2), np.float32)
+
+    def look(spot: tuple[float, float], some_axes: Doubles, count: int) -> Floats:
+        samples = sampler.samples(texels, spot)
+        sums = observer.look(samples, some_axes, progress)
+        for start in range(0, len(texels), _PART):
+            part = slice(start, start + _PART)
+            some = Samples(samples.faces[part], samples.weights[part])
+            values, measured = estimate(sums[part], count, options.estimator)
+            counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
+            weights = np.where(measured, counts_for * stands_for[some.faces], 0.0)
+            reconstruction.add(places(atlas, texels, some), 1.0 - values, weights, spot)
+        return sums
+
     used = [0, 0]  # directions of each half
     error = None
     for number, group in enumerate(groups(len(axes))):
-        spot = texel_offset(number)
-        samples = sampler.samples(texels, spot)
-        sums = observer.look(samples, axes[group], progress)
         count = 2 * (group.stop - group.start)
-        values, measured = estimate(sums, count, options.estimator)
-        counts_for = sums[:, 1] if options.estimator == "ratio" else float(count)  # as in the sum of all groups
-        weights = np.where(measured, counts_for * stands_for[samples.faces], 0.0)
-        reconstruction.add(places(atlas, texels, samples), 1.0 - values, weights, spot)
-        halves[number % 2] += sums
+        halves[number % 2] += look(texel_offset(number), axes[group], count)
         used[number % 2] += count
         if number % 2 or group.stop == len(axes):
             error = sampling_error(halves, used, options.estimator, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
     values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
-    return Gathered(np.clip(values, 0.0, 1.0).astype(np.float32), measured, reconstruction, sum(used), error)
+    return Gathered(np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)

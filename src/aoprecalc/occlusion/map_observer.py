@@ -7,7 +7,7 @@ and its opposite, and a comparison of planes instead of depths.
 import numpy as np
 
 from aoprecalc.gl.context import Renderer
-from aoprecalc.model import Doubles
+from aoprecalc.model import Doubles, Floats
 from aoprecalc.occlusion.near_far import NearFarMaps
 from aoprecalc.occlusion.projection import Projections, extreme_points, project
 from aoprecalc.occlusion.receivers import Receivers
@@ -26,7 +26,7 @@ class MapObserver:
         self._maps = NearFarMaps(renderer.context, surface.positions, surface.faces, shadow_size)
         self._receivers = Receivers(renderer.context, surface, count, self._maps)
 
-    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Doubles:
+    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
         """Return the visibility sums of the samples, see Observer."""
         self._receivers.place(samples)
         projections = project(axes, self._outline, self._size)
@@ -35,4 +35,4 @@ class MapObserver:
             self._maps.draw(Projections(projections.rows[batch], projections.pitch[batch]))
             self._receivers.gather()
             progress.advance(2 * len(projections.rows[batch]))
-        return self._receivers.sums().astype(np.float64)
+        return self._receivers.sums()

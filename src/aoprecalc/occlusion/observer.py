@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from aoprecalc.model import Doubles
+from aoprecalc.model import Doubles, Floats
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.samples import Samples
 
@@ -10,8 +10,8 @@ from aoprecalc.texspace.samples import Samples
 class Observer(Protocol):
     """Measures visibility for the samples of one set of texels, again and again."""
 
-    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Doubles:
-        """Return what k samples see along (a, 3) axes, (k, 2) float64 sums over both directions of each.
+    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
+        """Return what k samples see along (a, 3) axes, (k, 2) float32 sums over both directions of each.
 
         The first is of max(0, n.w) [g.w > 0] visible(w), the second is the same without visible(w); both are 0 where
         there is no sample. Directions done are counted on `progress`, two an axis.

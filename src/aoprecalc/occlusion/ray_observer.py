@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.model import Doubles
+from aoprecalc.model import Doubles, Floats
 from aoprecalc.progress import Progress
 from aoprecalc.rays.occluders import LIFT, Occluders
 from aoprecalc.surface.unit import UnitSurface
@@ -17,7 +17,7 @@ class RayObserver:
         self._surface = surface
         self._occluders = Occluders(surface.positions, surface.faces, threads)
 
-    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Doubles:
+    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
         """Return the visibility sums of the samples, see Observer."""
         there = np.flatnonzero(samples.faces >= 0)
         places, normals, geometric = self._surface.at(samples.faces[there], samples.weights[there])
@@ -32,6 +32,6 @@ class RayObserver:
                 whole[facing] += weights
                 visible[facing] += np.where(hidden, 0, weights)
                 progress.advance()
-        sums = np.zeros((len(samples.faces), 2))
+        sums = np.zeros((len(samples.faces), 2), np.float32)
         sums[there] = np.column_stack([visible, whole])
         return sums

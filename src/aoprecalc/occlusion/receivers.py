@@ -23,7 +23,6 @@ class _Store:
     texels: slice
     count: int
     faces: moderngl.Buffer
-    weights: moderngl.Buffer
     points: moderngl.Buffer
     sums: moderngl.Buffer
 
@@ -50,6 +49,7 @@ class Receivers:
             for array in (surface.positions, surface.faces.astype(np.uint32), surface.shading, surface.geometric)
         ]
         self._stores = [self._store(slice(start, min(start + _MOST, count))) for start in range(0, count, _MOST)]
+        self._weights = context.buffer(reserve=min(count, _MOST) * 8)  # of one store at a time
 
     def place(self, samples: Samples) -> None:
         """Put the receivers at the samples, and their sums to zero."""
@@ -57,8 +57,8 @@ class Receivers:
             buffer.bind_to_storage_buffer(binding)
         for store in self._stores:
             store.faces.write(np.ascontiguousarray(samples.faces[store.texels]))  # -1 is NO_FACE
-            store.weights.write(np.ascontiguousarray(samples.weights[store.texels, 1:]))
-            for binding, buffer in enumerate((store.faces, store.weights, store.points, store.sums), 4):
+            self._weights.write(np.ascontiguousarray(samples.weights[store.texels, 1:]))
+            for binding, buffer in enumerate((store.faces, self._weights, store.points, store.sums), 4):
                 buffer.bind_to_storage_buffer(binding)
             self._run(self._receive, store)
 
@@ -73,7 +73,10 @@ class Receivers:
 
     def sums(self) -> Floats:
         """Return the sums since `place`, (k, 2) float32: weight of what is visible, and of all."""
-        return np.concatenate([np.frombuffer(store.sums.read(), np.float32).reshape(-1, 2) for store in self._stores])
+        sums = np.empty((sum(store.count for store in self._stores), 2), np.float32)
+        for store in self._stores:
+            sums[store.texels] = np.frombuffer(store.sums.read(), np.float32).reshape(-1, 2)
+        return sums
 
     def _run(self, program: moderngl.ComputeShader, store: _Store, each: int = 1) -> None:
         """Run a program of which an invocation takes `each` texels."""
@@ -83,5 +86,4 @@ class Receivers:
 
     def _store(self, texels: slice) -> _Store:
         count = texels.stop - texels.start
-        faces, weights, points, sums = (self._context.buffer(reserve=count * size) for size in (4, 8, 16, 8))
-        return _Store(texels, count, faces, weights, points, sums)
+        return _Store(texels, count, *(self._context.buffer(reserve=count * size) for size in (4, 16, 8)))

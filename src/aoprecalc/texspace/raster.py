@@ -66,8 +66,8 @@ class Raster:
                 band = np.flatnonzero((texels.index >= start) & (texels.index < stop))
             found = self._read(row, rows, sample_at)[texels.index[band] - start]
             faces[band] = found[:, 0].astype(np.int32) - 1
-            weights[band] = kept_inside(found[:, 1:3].T)
-        return Samples(faces, off_borders(weights, faces, self._least))
+            weights[band] = off_borders(kept_inside(found[:, 1:3].T), faces[band], self._least)
+        return Samples(faces, weights)
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""

@@ -41,8 +41,11 @@ class Reconstruction:
         self._diagonal: Floats = np.zeros(self._shape, np.float32)
         self._beside = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
+        # What was measured at the spot of its texel and waits for the rest that was: weights, and weights times values.
+        self._spot: tuple[float, float] | None = None
+        self._pattern: tuple[Floats, ...] = ()
 
-    def add(self, places: Floats, values: Doubles, weights: Doubles, spot: tuple[float, float] | None = None) -> None:
+    def add(self, places: Floats, values: Floats, weights: Doubles, spot: tuple[float, float] | None = None) -> None:
         """Add measurements: (m, 2) float32 places in texels (right, down), (m,) values and (m,) weights >= 0.
 
         spot   where in the square of its texel a place usually lies: all of these are added at once, which is faster
@@ -52,13 +55,19 @@ class Reconstruction:
             places, values, weights = places[used], values[used], weights[used]
         self._weight, self._count = self._weight + float(weights.sum()), self._count + len(weights)
         if spot is not None:
+            if spot != self._spot:
+                self._add_pattern()
+                self._spot = spot
+                self._pattern = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
             there, texel = self._at(spot, places)
-            self._add_pattern(spot, texel[there], values[there], weights[there])
+            np.add.at(self._pattern[0].reshape(-1), texel[there], weights[there].astype(np.float32))
+            np.add.at(self._pattern[1].reshape(-1), texel[there], (weights * values)[there].astype(np.float32))
             places, values, weights = places[~there], values[~there], weights[~there]
         self._add_each(places, values, weights)
 
     def touched(self) -> Mask:
         """Return which texels a look-up at any of the places reads, (height, width)."""
+        self._add_pattern()
         mask: Mask = self._diagonal > 0
         return mask
 
@@ -69,6 +78,7 @@ class Reconstruction:
         """
         if not self._count:
             return picture
+        self._add_pattern()
         prior = np.float32(_PRIOR * self._weight / self._count)
         diagonal = self._diagonal + prior
         residual = self._targets - self._apply(picture, self._diagonal)
@@ -103,11 +113,12 @@ class Reconstruction:
             corners.append(corner.astype(np.int64))
         return there, corners[1] * width + corners[0]
 
-    def _add_pattern(self, spot: tuple[float, float], texel: Indices, values: Doubles, weights: Doubles) -> None:
-        """Add measurements at the same spot of texels off the edges: look-ups from there share one set of shares."""
-        weight, weighted = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
-        np.add.at(weight.reshape(-1), texel, weights.astype(np.float32))
-        np.add.at(weighted.reshape(-1), texel, (weights * values).astype(np.float32))
+    def _add_pattern(self) -> None:
+        """Add the measurements at the spot of texels off the edges: look-ups from there share one set of shares."""
+        if self._spot is None:
+            return
+        spot, (weight, weighted) = self._spot, self._pattern
+        self._spot, self._pattern = None, ()
         right, down = spot[0] - 0.5, spot[1] - 0.5
         first = math.floor(down), math.floor(right)
         below, along = down - first[0], right - first[1]
@@ -124,7 +135,7 @@ class Reconstruction:
                 if other is not None:
                     _add_shifted(plane, shift, share * other * weight)
 
-    def _add_each(self, places: Floats, values: Doubles, weights: Doubles) -> None:
+    def _add_each(self, places: Floats, values: Floats, weights: Doubles) -> None:
         """Add measurements at any places, one by one."""
         taps = dict(self._taps(places))
         for tap, (index, share) in taps.items():
