@@ -8,8 +8,8 @@ finds. From these points the time at the error of Cycles' 64 samples is read (lo
 ratio to its time. Seconds are of visibility and finishing, without reading, unwrapping, writing; medians of --runs, but
 of one run for what takes more than five seconds.
 
-PYTHON of --blender has bpy, that of --peers libigl and pymeshlab (benchmarks/requirements.txt); a tool that is missing is
-a line that says so. libigl and MeshLab cast rays from vertices: of them only rays a second are told.
+PYTHON of --blender has bpy, that of --peers libigl and pymeshlab (benchmarks/requirements.txt); a tool that is missing
+is a line that says so. libigl and MeshLab cast rays from vertices: of them only rays a second are told.
 
 Then bakes of growing size, one thing at a time: triangles, texels, directions. Everything goes into
 benchmarks/results/speed.json, charts (with matplotlib) into docs/pictures/speed.png, the table (with --readme) into
