@@ -37,7 +37,7 @@ lint: $(SETUP)
 	$(BIN)/mypy
 
 bench: $(SETUP)
-	$(BIN)/python benchmarks/bake.py
+	$(BIN)/python benchmarks/speed.py
 	$(BIN)/python benchmarks/spheres.py
 
 clean:

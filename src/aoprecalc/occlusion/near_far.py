@@ -11,7 +11,7 @@ from aoprecalc.surface.z_order import z_order
 
 GRID = 256  # steps a map texel to which vertices are moved: rasterisers do it, and doing it first makes all tiles equal
 _MOST_AXES = 8  # of one batch: the gather is compiled for all of them, 16 take half a second
-_TARGET_BYTES = 1 << 26  # of one batch of maps
+_TARGET_BYTES = 3 << 24  # of one batch of maps
 _CELL_BYTES = 8  # two whole numbers of 32 bits
 _SMALL = 16.0  # map texels: triangles without a longer edge are looked through, others are rasterised
 _LOCAL_SIZE = 64

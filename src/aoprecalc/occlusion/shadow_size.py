@@ -12,11 +12,15 @@ from aoprecalc.surface.normals import area_vectors
 LEAST, MOST = 512, 2048
 _STEP = 128
 _FINER = 1.25  # map texels across a surface texel: one would do for a distant occluder, not for one that touches
+_MANY = 1000  # directions that are worth maps of that fineness
 _SOME_AXES = 128
 
 
-def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int) -> int:
+def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -> int:
     """Return the side of a map, 512 to 2048, whose texels are somewhat finer than the `texels` of the surface.
+
+    With few directions their own error is so much greater that coarser maps do: what maps add is in proportion to
+    their texels, what directions leave to N^-3/4, and half of that exponent wastes neither time nor error.
 
     What counts is the longer side of a map, in the mean over all axes.
     """
@@ -25,5 +29,6 @@ def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int) -> int:
         return LEAST
     pitch = project(axes(2 * _SOME_AXES), extreme_points(scene.positions), MOST).pitch
     side = float(pitch.max(axis=1).mean()) * MOST
-    wanted = _FINER * side / math.sqrt(area / texels)
+    enough = min(1.0, (directions / _MANY) ** 0.375)
+    wanted = _FINER * enough * side / math.sqrt(area / texels)
     return int(min(MOST, max(LEAST, math.ceil(wanted / _STEP) * _STEP)))

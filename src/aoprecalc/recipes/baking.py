@@ -133,7 +133,7 @@ def bake_scene(
             size = f"{options.width} x {options.height}"
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
         overlap = sampler.overlap()
-        shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels))
+        shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
         sides = [surface, surface.turned()] if options.two_sided else [surface]
 
         def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made
