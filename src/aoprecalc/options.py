@@ -24,6 +24,7 @@ RANGES: dict[str, tuple[int, int]] = {
     "height": (1, 32768),
     "directions": (1, 1_000_000),
     "shadow_size": (16, 8192),
+    "unwrap_timeout": (0, 1_000_000),
     "padding": (0, 256),
     "crease_angle": (0, 180),
     "target_error": (0, 1),
@@ -73,6 +74,7 @@ class BakeOptions:
     shadow_size     side of a near/far map in texels; None: so that its texels are smaller than the texture's
     backend         what measures visibility: gl (depth maps), ray (rays, by embreex), or auto: gl, else ray
     unwrap          where UVs come from: keep the file's, xatlas, uvunwrap, or auto
+    unwrap_timeout  seconds after which xatlas or uvunwrap is stopped and the bake fails; None: never
     padding         texels by which charts are extended into the gutter around them
     fill            what the texels of no chart hold: mean, pushpull or none (0)
     bit_depth       auto: 8 for PNG, half for EXR, 8 for others
@@ -92,6 +94,7 @@ class BakeOptions:
     shadow_size: int | None = None
     backend: Backend = "auto"
     unwrap: Unwrap = "auto"
+    unwrap_timeout: float | None = None
     padding: int = 8
     fill: Fill = "mean"
     bit_depth: BitDepth = "auto"
@@ -104,6 +107,8 @@ class BakeOptions:
     def __post_init__(self) -> None:
         """Raise UsageError where a value is out of its range."""
         _check(self)
+        if self.unwrap_timeout == 0:
+            raise UsageError("--unwrap-timeout is 0; expected more, or no such option for no limit")
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,18 @@
 """New UVs: inside the page, one to one, of one scale, with room between charts; and the choice between old and new."""
 
+import re
+import sys
+import time
+
 import numpy as np
 import pytest
+import uvunwrap
 from scipy.spatial import KDTree
 
 from aoprecalc.atlas.choose import choose_atlas
 from aoprecalc.atlas.gutter import choose_gutter, first_unsafe_mip
 from aoprecalc.atlas.unwrap import unwrap
-from aoprecalc.errors import InputError
+from aoprecalc.errors import AoprecalcError, InputError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.layout import corner_ids, lay_out
@@ -69,6 +74,66 @@ def test_faces_without_area_have_no_place():
     assert atlas.covers.tolist() == [True] * len(faces) + [False] * 2
     with pytest.raises(InputError, match="none of its 1 faces has area"):
         unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", SIZE, 4)
+
+
+def test_steps_are_heard_from_xatlas():
+    heard = []
+    unwrap(scene(*torus(around=100, across=60)), "xatlas", SIZE, 4, heard=heard.append)
+    steps = [step for step in dict.fromkeys(heard) if step != "starting"]
+    assert steps[0] == "charts"
+    assert steps[1:] == sorted(steps[1:], key=lambda step: int(step.split()[2]))
+    assert all(re.fullmatch(r"packing, try \d+ of at most 12", step) for step in steps[1:])
+
+
+def test_steps_are_heard_from_uvunwrap():
+    heard = []
+    unwrap(scene(*torus(around=400, across=200)), "uvunwrap", SIZE, 4, heard=heard.append)
+    stages = {"segmenting", "parameterizing", "packing", "output"}
+    steps = [step for step in heard if step != "starting"]
+    assert steps
+    for step in steps:
+        stage, count = step.split(", ")
+        assert stage in stages
+        assert re.fullmatch(r"try \d+|\d+ of \d+", count)
+
+
+def test_xatlas_is_given_up_when_its_time_is_over(monkeypatch):
+    """A stand-in that never answers: the error says how many faces, how long, where it was, and what to do."""
+    stuck = "import sys, time; print('step: charts', file=sys.stderr, flush=True); time.sleep(600)"
+    monkeypatch.setattr("aoprecalc.atlas.unwrap._XATLAS", [sys.executable, "-c", stuck])
+    expected = (
+        r"xatlas has not unwrapped 12 faces within 1.5 s \(--unwrap-timeout\), it is at: charts; "
+        "allow more time or use --unwrap uvunwrap"
+    )
+    started = time.monotonic()
+    with pytest.raises(AoprecalcError, match=expected):
+        unwrap(scene(*box()), "xatlas", SIZE, 4, seconds=1.5)
+    assert 1.5 < time.monotonic() - started < 60
+
+
+def test_uvunwrap_is_given_up_when_its_time_is_over(monkeypatch):
+    jobs, start = [], uvunwrap.start
+    monkeypatch.setattr("uvunwrap.start", lambda *words, **given: jobs.append(start(*words, **given)) or jobs[-1])
+    with pytest.raises(
+        AoprecalcError, match=r"uvunwrap has not unwrapped 320000 faces within 0.01 s .* allow more time"
+    ):
+        unwrap(scene(*torus(around=800, across=200)), "uvunwrap", SIZE, 4, seconds=0.01)
+    with pytest.raises(uvunwrap.Cancelled):
+        jobs[0].result()
+
+
+@pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
+def test_an_unwrap_in_time_is_the_same_as_one_without_a_limit(method):
+    made = scene(*box())
+    assert np.array_equal(unwrap(made, method, SIZE, 4, seconds=600).uvs, unwrap(made, method, SIZE, 4).uvs)
+
+
+def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
+    monkeypatch.setattr("aoprecalc.atlas.unwrap._XATLAS", [sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"])
+    with pytest.raises(
+        AoprecalcError, match=r"xatlas could not unwrap 12 faces: signal 9 .*; or try --unwrap uvunwrap"
+    ):
+        unwrap(scene(*box()), "xatlas", SIZE, 4)
 
 
 def test_the_gutter_shrinks_with_the_room_and_never_below_two():

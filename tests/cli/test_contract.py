@@ -140,6 +140,8 @@ BAD = {
     "the report on the texture": (["bake", "ring.obj", "--report", "./ring_ao.png"], 2, "two outputs"),
     "the report on a file beside the mesh": (["bake", "ring.obj", *QUICK, "--report", "ring_ao.mtl"], 2, "two outputs"),
     "a size without room for charts": (["bake", "ring.obj", "--size", "8"], 2, "use at least 16"),
+    "a time-out of nothing": (["bake", "ring.obj", "--unwrap-timeout", "0"], 2, "--unwrap-timeout"),
+    "an unwrap that takes too long": (["bake", "ring.obj", "--unwrap-timeout", "0.01"], 1, "within 0.01 s"),
     "a device as output": (["bake", "ring.obj", "--report", "/dev/null"], 1, "no regular file"),
     "a folder that is missing": (["bake", "ring.obj", "-o", "missing/ring.png"], 1, "missing"),
     "a report nowhere": (["bake", "ring.obj", "--report", "missing/r.json"], 1, "missing"),

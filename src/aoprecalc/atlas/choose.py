@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from importlib.util import find_spec
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +26,8 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
 
     sampler   makes what finds the texels of a layout
 
-    Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed.
+    Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed,
+    AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
     """
     if options.unwrap in ("auto", "keep"):
         kept, fault = keep(sampler, scene, options.width, options.height)
@@ -39,7 +41,8 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
     large = len(scene.faces) > LARGE_MESH and find_spec("uvunwrap") is not None
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)
-    return unwrap(scene, "uvunwrap" if fast else "xatlas", size, options.padding)
+    method: Literal["xatlas", "uvunwrap"] = "uvunwrap" if fast else "xatlas"
+    return unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout)
 
 
 def keep(sampler: Sampler, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:

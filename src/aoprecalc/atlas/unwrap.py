@@ -1,14 +1,13 @@
 """New UVs for a whole scene, in one page of exact size."""
 
 import io
-import os
-import subprocess
 import sys
 import time
 from typing import Any, Literal
 
 import numpy as np
 
+from aoprecalc.atlas.child import FIRST_STEP, POLL, Look, ask
 from aoprecalc.atlas.gutter import LEAST, chart_size, choose_gutter
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
@@ -16,17 +15,28 @@ from aoprecalc.surface.normals import face_directions
 
 LEAST_SIZE = 16  # texels
 _MANY_CHARTS = 1500  # above this, uvunwrap's fast packing: the better one takes longer than the bake
-_POLL = 0.05  # seconds
 _PACKINGS = 8  # tries at one page
 _THINNER = 0.85  # of the density that needed more pages
+_XATLAS = [sys.executable, "-m", "aoprecalc.atlas.xatlas_child"]
+_ELSE = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}  # where time is short
 
 
-def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, padding: int) -> Atlas:
+def unwrap(
+    scene: Scene,
+    method: Literal["xatlas", "uvunwrap"],
+    size: int,
+    padding: int,
+    *,
+    seconds: float | None = None,
+    heard: Look | None = None,
+) -> Atlas:
     """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
 
     padding   texels around each chart that should stay free; see `choose_gutter` for what happens where room is short
+    seconds   that the unwrapper may take; None: any
+    heard     is called with the step that the unwrapper is at, several times a second
     Raises InputError where no face has area, UsageError where the size is too small for any chart, AoprecalcError where
-    the unwrapper fails.
+    the unwrapper fails or its time is over. No unwrapper goes on after an error, a Ctrl-C included.
     """
     if size < LEAST_SIZE:
         raise UsageError(f"--size {size} has no room for charts and gutters; use at least {LEAST_SIZE}")
@@ -36,37 +46,46 @@ def unwrap(scene: Scene, method: Literal["xatlas", "uvunwrap"], size: int, paddi
     # Both unwrappers weigh lengths against constants; they are given about one unit.
     low = scene.positions.min(axis=0)
     positions = ((scene.positions - low) / np.ptp(scene.positions, axis=0).max()).astype(np.float32)
+    faces = scene.faces[solid]
+    started = time.monotonic()
+
+    def look(step: str) -> None:
+        if heard is not None:
+            heard(step)
+        if seconds is not None and time.monotonic() - started > seconds:
+            raise AoprecalcError(
+                f"{method} has not unwrapped {len(faces)} faces within {seconds:g} s (--unwrap-timeout), it is at: "
+                f"{step}; allow more time or {_ELSE[method]}"
+            )
+
     engine = _xatlas if method == "xatlas" else _uvunwrap
-    uvs, placed, charts, gutter = engine(positions, scene.faces[solid], size, padding)
+    uvs, placed, charts, gutter = engine(positions, faces, size, padding, look)
     everywhere: Doubles = np.zeros((len(scene.faces), 3, 2))
     everywhere[solid] = uvs
     solid[solid] = placed
     return Atlas(method, everywhere, solid, charts, gutter=gutter)
 
 
-def _xatlas(positions: Floats, faces: Ints, size: int, padding: int) -> tuple[Doubles, Mask, int, int]:
+def _xatlas(positions: Floats, faces: Ints, size: int, padding: int, look: Look) -> tuple[Doubles, Mask, int, int]:
     request = io.BytesIO()
     np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)
-    command = [sys.executable, "-m", "aoprecalc.atlas.xatlas_child"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # finds what this process found
-    run = subprocess.run(command, input=request.getvalue(), capture_output=True, check=False, env=environment)
-    if run.returncode != 0:
-        said = run.stderr.decode(errors="replace").strip().splitlines()
-        reason = said[-1] if said else f"exit status {run.returncode}"
-        raise AoprecalcError(f"xatlas could not unwrap {len(faces)} faces: {reason}; or try --unwrap uvunwrap")
-    answer = np.load(io.BytesIO(run.stdout))
+    try:
+        answer = np.load(io.BytesIO(ask(_XATLAS, request.getvalue(), look)))
+    except ChildProcessError as error:
+        message = f"xatlas could not unwrap {len(faces)} faces: {error}; or try --unwrap uvunwrap"
+        raise AoprecalcError(message) from error
     return answer["uvs"], answer["placed"], int(answer["charts"]), int(answer["gutter"])
 
 
-def _uvunwrap(positions: Floats, faces: Ints, size: int, padding: int) -> tuple[Doubles, Mask, int, int]:
+def _uvunwrap(positions: Floats, faces: Ints, size: int, padding: int, look: Look) -> tuple[Doubles, Mask, int, int]:
     mesh = _uvunwrap_mesh(positions, faces)
     # A quick first packing tells how much outline there is, and so how much gutter the page has room for.
-    uvs, placed, corners, charts = _run_uvunwrap(mesh, size, LEAST, "fast")
+    uvs, placed, corners, charts = _run_uvunwrap(mesh, size, LEAST, "fast", look)
     area, outline = chart_size(uvs[placed] * size, corners[placed])
     gutter = choose_gutter(area, outline, size, padding)
     packing: Literal["shape", "fast"] = "fast" if charts > _MANY_CHARTS else "shape"
     if gutter > LEAST or packing == "shape":
-        uvs, placed, corners, charts = _run_uvunwrap(mesh, size, gutter, packing)
+        uvs, placed, corners, charts = _run_uvunwrap(mesh, size, gutter, packing, look)
     return uvs, placed, charts, gutter
 
 
@@ -77,12 +96,12 @@ def _uvunwrap_mesh(positions: Floats, faces: Ints) -> Any:
 
 
 def _run_uvunwrap(
-    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"]
+    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], look: Look
 ) -> tuple[Doubles, Mask, Ints, int]:
     """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
     density = None
     for _ in range(_PACKINGS):
-        atlas = _pack_uvunwrap(mesh, size, gutter, packing, density)
+        atlas = _pack_uvunwrap(mesh, size, gutter, packing, density, look)
         if atlas.page_count == 1:
             break
         density = _THINNER * atlas.texels_per_unit
@@ -95,17 +114,28 @@ def _run_uvunwrap(
     return uvs, placed, corners, atlas.chart_count
 
 
-def _pack_uvunwrap(mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], density: float | None) -> Any:
+def _pack_uvunwrap(
+    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], density: float | None, look: Look
+) -> Any:
     """Return uvunwrap's atlas, of `density` texels a unit or what it thinks will fit; can be interrupted."""
     import uvunwrap
 
     job = uvunwrap.start([mesh], page_size=size, padding=gutter, packing=packing, texels_per_unit=density)
     try:
         while not job.done:
-            time.sleep(_POLL)
+            look(_step(job.progress))
+            time.sleep(POLL)
         return job.result()
     except uvunwrap.UnwrapError as error:
         raise AoprecalcError(f"uvunwrap failed ({error}); try --unwrap xatlas") from error
-    except KeyboardInterrupt:
+    except BaseException:
         job.cancel()
         raise
+
+
+def _step(progress: Any) -> str:
+    """Say in words what uvunwrap's job is at; its packing counts tries and does not know how many there will be."""
+    if progress is None:
+        return FIRST_STEP
+    count = f"{progress.done} of {progress.total}" if progress.total else f"try {progress.done}"
+    return f"{progress.stage}, {count}"

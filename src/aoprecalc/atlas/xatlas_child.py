@@ -1,6 +1,7 @@
 """Unwraps with xatlas in a process of its own: `python -m aoprecalc.atlas.xatlas_child < request.npz > answer.npz`.
 
-xatlas neither releases the interpreter nor can be interrupted, so the parent must be able to go on, or to end it.
+xatlas neither releases the interpreter nor can be interrupted, so the parent must be able to go on, or to end it. What
+is said on the way is for `child.ask`.
 
 request: positions (v, 3) float32 about one unit across, faces (f, 3) uint32, size and padding in texels
 answer:  uvs (f, 3, 2) float32 in [0, 1], placed (f,) bool, charts, gutter
@@ -14,6 +15,7 @@ import numpy as np
 import xatlas
 from numpy.typing import NDArray
 
+from aoprecalc.atlas.child import end_with_parent, say_step
 from aoprecalc.atlas.gutter import chart_size, choose_gutter, fitting_scale
 from aoprecalc.model import Doubles, Floats, Ints, Mask
 
@@ -24,6 +26,7 @@ _CLOSE = 1.005  # such a pair is close enough
 
 def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
+    say_step("charts")
     atlas = xatlas.Atlas()
     atlas.add_mesh(positions, faces)
     atlas.generate()
@@ -50,7 +53,8 @@ def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
     options.padding, options.bilinear = gutter, False
     fits, too_large, scale, step = 0.0, np.inf, 1.0, _STEP
     best = None
-    for _ in range(_PACKINGS):
+    for attempt in range(1, _PACKINGS + 1):
+        say_step(f"packing, try {attempt} of at most {_PACKINGS}")
         page = xatlas.Atlas()
         page.add_uv_mesh((flat * scale).astype(np.float32), corners.astype(np.uint32))
         page.generate(pack_options=options)
@@ -77,11 +81,14 @@ def _uvs_of(page: "xatlas.Atlas", count: int, border: int) -> Doubles:
 
 def main() -> None:
     """Answer one request."""
+    end_with_parent()
     request = np.load(io.BytesIO(sys.stdin.buffer.read()))
     try:
         answer = unwrap(request["positions"], request["faces"], int(request["size"]), int(request["padding"]))
     except ValueError as error:
         sys.exit(str(error))
+    except MemoryError:
+        sys.exit("out of memory; use a mesh of fewer faces")
     buffer = io.BytesIO()
     np.savez(buffer, **answer)
     sys.stdout.buffer.write(buffer.getvalue())

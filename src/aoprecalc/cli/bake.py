@@ -6,7 +6,7 @@ import click
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import common, option, shadow_size, size
-from aoprecalc.options import BakeOptions
+from aoprecalc.options import RANGES, BakeOptions
 
 
 @click.command(short_help="Bake an ambient-occlusion texture.")
@@ -34,6 +34,12 @@ from aoprecalc.options import BakeOptions
 )
 @option("--backend", of=BakeOptions, field="backend", help="What measures visibility.")
 @option("--unwrap", of=BakeOptions, field="unwrap", help="auto keeps the file's UVs if they can hold a bake.")
+@click.option(
+    "--unwrap-timeout",
+    type=click.FloatRange(*RANGES["unwrap_timeout"], min_open=True),
+    metavar="SECONDS",
+    help="Give up, with exit code 1, if xatlas or uvunwrap takes longer.",
+)
 @option("--padding", of=BakeOptions, field="padding", help="Texels by which charts are extended.")
 @option("--fill", of=BakeOptions, field="fill", help="What texels far from any chart hold.")
 @option("--bit-depth", of=BakeOptions, field="bit_depth", help="auto: 8 for PNG, half for EXR.")
