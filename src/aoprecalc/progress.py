@@ -18,6 +18,9 @@ class Progress:
     def advance(self, count: int = 1) -> None:
         """Count `count` more units of the present stage as done."""
 
+    def step(self, text: str) -> None:
+        """Say what the present stage is at; takes the place of what was said before."""
+
     def note(self, text: str) -> None:
         """Say one line that a curious user wants to know (what was chosen, and why)."""
 

@@ -14,6 +14,8 @@ def work(console):
         console.advance()
     with console.stage("thinking"):
         console.advance()
+        console.step("hard, try 2 of 3")
+    console.step("of no stage")
     console.warn("one is missing")
 
 
@@ -45,6 +47,8 @@ def test_a_terminal_gets_bars_and_whole_lines(capsys, monkeypatch):
     assert "by size [not] by [colour]\n" in said.err
     assert "sorting" in said.err
     assert "things" in said.err
+    assert "hard, try 2 of 3" in said.err
+    assert "of no stage" not in said.err
     assert said.err.endswith("warning: one is missing\n")
 
 

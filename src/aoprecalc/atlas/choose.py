@@ -42,7 +42,7 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)
     method: Literal["xatlas", "uvunwrap"] = "uvunwrap" if fast else "xatlas"
-    return unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout)
+    return unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
 
 
 def keep(sampler: Sampler, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:

@@ -27,7 +27,7 @@ class Console(Progress):
         started = time.perf_counter()
         if sys.stderr.isatty() and not self._quiet:
             with _bar(total) as self._bar:
-                self._task = self._bar.add_task(name, total=total, unit=unit)
+                self._task = self._bar.add_task(name, total=total, unit=unit, step="")
                 try:
                     yield
                 finally:
@@ -41,6 +41,11 @@ class Console(Progress):
         """Move the bar of the present stage."""
         if self._bar is not None:
             self._bar.advance(self._task, count)
+
+    def step(self, text: str) -> None:
+        """Show the step beside the seconds of a stage without a total; a log does without."""
+        if self._bar is not None:
+            self._bar.update(self._task, step=text)
 
     def note(self, text: str) -> None:
         """Print a line about a choice that was made."""
@@ -65,6 +70,7 @@ def _bar(total: int | None) -> Any:
     from rich.console import Console as Terminal
 
     columns = [progress.SpinnerColumn(), progress.TextColumn("{task.description:<10}"), progress.TimeElapsedColumn()]
+    columns.append(progress.TextColumn("{task.fields[step]}", markup=False))
     if total is not None:
         count = progress.TextColumn("{task.completed}/{task.total} {task.fields[unit]}")
         columns[2:] = [progress.BarColumn(), count, progress.TimeRemainingColumn(), progress.TextColumn("left")]
