@@ -71,7 +71,8 @@ class BakeOptions:
     sampling        fibonacci: an even lattice; random: antithetic pairs drawn from `seed`
     seed            of the random directions
     estimator       ratio: exactly 1 on an open point; mean: the unnormalised sum 4/N * sum(cos * visible)
-    shadow_size     side of a near/far map in texels; None: so that its texels are smaller than the texture's
+    shadow_size     side of a near/far map in texels; None: so that its texels are smaller than the
+                    texture's, larger with fewer than 1000 directions
     backend         what measures visibility: gl (depth maps), ray (rays, by embreex), or auto: gl, else ray
     unwrap          where UVs come from: keep the file's, xatlas, uvunwrap, or auto
     unwrap_timeout  seconds after which xatlas or uvunwrap is stopped and the bake fails; None: never

@@ -81,6 +81,21 @@ def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
     assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
 
 
+def test_runs_of_small_triangles_change_no_bit(monkeypatch):
+    """Nor do batches where the limit of what is small lies amid the sizes of a mesh's triangles."""
+    made = scene(*join(dented(3), quad((-2, -2, -1.2), (4, 0, 0), (0, 4, 0), cells=9)))
+    options = BakeOptions(width=96, height=96, directions=130, shadow_size=128)
+    whole = bake_scene(made, options).texture.values
+    monkeypatch.setattr(near_far, "_RUN", 64)
+    assert bake_scene(made, options).texture.values.tobytes() == whole.tobytes()
+    pictures = []
+    for most_bytes in (1 << 25, 1):
+        monkeypatch.setattr(near_far, "_SMALL", 7.0)
+        monkeypatch.setattr(near_far, "_TARGET_BYTES", most_bytes)
+        pictures.append(bake_scene(made, options).texture.values.tobytes())
+    assert pictures[0] == pictures[1]
+
+
 def test_looking_through_small_triangles_finds_what_a_rasteriser_finds(monkeypatch):
     """Both ways sample the same planes at the same centres; only the rounding of their depths is up to the renderer."""
     floor = quad((-2, -2, -1.2), (4, 0, 0), (0, 4, 0), cells=6)

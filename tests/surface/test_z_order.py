@@ -13,4 +13,4 @@ def test_the_first_sixteen_squares_make_four_zs():
 def test_every_cell_of_a_cube_has_a_place_of_its_own():
     cells = np.stack(np.meshgrid(*[np.arange(8)] * 3), axis=-1).reshape(-1, 3)
     assert np.sort(z_order(cells)).tolist() == list(range(512))
-    assert z_order(np.array([[1023, 1023, 1023]]))[0] == 2**30 - 1
+    assert z_order(np.array([[2047, 2047, 2047]]))[0] == 2**33 - 1

@@ -17,7 +17,7 @@ LEAST_SIZE = 16  # texels
 _MANY_CHARTS = 1500  # above this, uvunwrap's fast packing: the better one takes longer than the bake
 _PACKINGS = 8  # tries at one page
 _THINNER = 0.85  # of the density that needed more pages
-_XATLAS = [sys.executable, "-m", "aoprecalc.atlas.xatlas_child"]
+_XATLAS = [sys.executable, "-P", "-m", "aoprecalc.atlas.xatlas_child"]  # -P: no modules of the current folder
 _ELSE = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}  # where time is short
 
 

@@ -31,8 +31,9 @@ uint slopesCode(vec2 slope) {
     return slopeCode(slope.x) << 6 | slopeCode(slope.y);
 }
 
+// Occluders are within 1 of the origin; a depth beyond is one that was interpolated across a sliver.
 uint mapCode(float depth, uint slopes) {
-    return LEAST + (uint(int(floor(depth * DEPTHS)) + MIDDLE) << 12 | slopes);
+    return LEAST + (uint(int(floor(clamp(depth, -1.0, 1.0) * DEPTHS)) + MIDDLE) << 12 | slopes);
 }
 
 // Returns the depth and the two slopes.

@@ -30,9 +30,10 @@ class MapObserver:
         """Return the visibility sums of the samples, see Observer."""
         self._receivers.place(samples)
         projections = project(axes, self._outline, self._size)
+        small = self._maps.small(projections)
         for start in range(0, len(axes), self._maps.capacity):
             batch = slice(start, start + self._maps.capacity)
-            self._maps.draw(Projections(projections.rows[batch], projections.pitch[batch]))
+            self._maps.draw(Projections(projections.rows[batch], projections.pitch[batch]), small)
             self._receivers.gather()
             progress.advance(2 * len(projections.rows[batch]))
         return self._receivers.sums()

@@ -15,6 +15,8 @@ _TARGET_BYTES = 3 << 24  # of one batch of maps
 _CELL_BYTES = 8  # two whole numbers of 32 bits
 _SMALL = 16.0  # map texels: triangles without a longer edge are looked through, others are rasterised
 _LOCAL_SIZE = 64
+_RUN = 1 << 21  # small triangles of one call: 65,535 groups of invocations and 128 MB are allowed
+_CORNER_BYTES = 36  # of a triangle
 _R32UI = 0x8236  # of OpenGL: the bits of a float as a whole number
 
 
@@ -41,7 +43,7 @@ class NearFarMaps:
         self._large = draw_program(context, __package__, "large.vert.glsl", "large.frag.glsl", **constants)
         self._large["target_size"] = shape
 
-        corners = positions[faces].astype(np.float32)
+        corners = positions[faces].astype(np.float32, copy=False)
         longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
         # Like sizes together, as invocations run side by side; within them, neighbours write to the same part of a map.
         sizes = np.ceil(np.log2(np.maximum(longest, 1e-9)))
@@ -50,25 +52,31 @@ class NearFarMaps:
         self._corners = context.buffer(np.ascontiguousarray(corners[order]))
         self._triangles = context.vertex_array(self._large, [(self._corners, "3f", "in_position")])
 
-    def draw(self, projections: Projections) -> None:
-        """Draw the maps of at most `capacity` projections; they stay until the next call."""
-        small = int(np.searchsorted(self._longest, _SMALL * projections.pitch.min()))
+    def small(self, projections: Projections) -> int:
+        """Return how many triangles are looked through: for all axes of a group, so that batches change nothing."""
+        return int(np.searchsorted(self._longest, _SMALL * projections.pitch.min()))
+
+    def draw(self, projections: Projections, small: int) -> None:
+        """Draw the maps of at most `capacity` projections; they stay until the next call. See `small`."""
         self._axes.write(self._axis_rows(projections))
         self._target.use()
         self._target.clear()
+        self._context.memory_barrier()  # the images below are the target's textures
         self.bind()
-        if small:
-            self._corners.bind_to_storage_buffer(0)
-            self._small["triangle_count"] = small
+        for start in range(0, small, _RUN):
+            count = min(small - start, _RUN)
+            self._corners.bind_to_storage_buffer(0, offset=start * _CORNER_BYTES, size=count * _CORNER_BYTES)
+            self._small["triangle_count"] = count
             for axis in range(len(projections.rows)):
                 self._small["axis"] = 5 * axis
-                self._small.run(-(-small // _LOCAL_SIZE))
-            self._context.memory_barrier()
+                self._small.run(-(-count // _LOCAL_SIZE))
+        self._context.memory_barrier()  # blending must find what they have kept
         if small < len(self._longest):
             self._context.enable_only(moderngl.BLEND)
             self._context.blend_equation = moderngl.MAX, moderngl.MAX
             left = 3 * (len(self._longest) - small)
             self._triangles.render(moderngl.TRIANGLES, left, first=3 * small, instances=len(projections.rows))
+            self._context.memory_barrier()  # and who reads the images, both
 
     def bind(self) -> None:
         """Let shaders read the maps, as images 0 and 1, and their axes, as uniform block 0."""

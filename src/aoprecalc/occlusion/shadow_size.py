@@ -19,8 +19,10 @@ _SOME_AXES = 128
 def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -> int:
     """Return the side of a map, 512 to 2048, whose texels are somewhat finer than the `texels` of the surface.
 
-    With few directions their own error is so much greater that coarser maps do: what maps add is in proportion to
-    their texels, what directions leave to N^-3/4, and half of that exponent wastes neither time nor error.
+    That is with 1000 directions or more; with fewer they are coarser.
+
+    What maps add to the error is in proportion to their texels, what directions leave to N^-3/4; half of that exponent
+    keeps the first below the second (measured on two meshes).
 
     What counts is the longer side of a map, in the mean over all axes.
     """

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-_BITS = 10  # of a coordinate
+_BITS = 11  # of a coordinate
 
 
 def z_order(cells: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return where cells, (n, d) whole numbers in 0 .. 1023, d at most 6, come along the curve, (n,) int64."""
+    """Return where cells, (n, d) whole numbers in 0 .. 2047, d at most 5, come along the curve, (n,) int64."""
     places: NDArray[np.int64] = np.zeros(len(cells), np.int64)
     count = cells.shape[1]
     for axis in range(count):
