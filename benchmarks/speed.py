@@ -240,17 +240,17 @@ def draw_charts(found: dict[str, list[dict[str, object]]]) -> None:
             rows = [row for row in found["points"] if row["key"] == key and row["tool"] == tool]
             plot.loglog([row["seconds"] for row in rows], [row["rmse"] for row in rows], "o-", label=name, markersize=4)
         plot.set(title=key, xlabel="seconds", ylabel="RMSE as rendered")
-        plot.legend()
     for plot, what in zip(axes[1], kinds, strict=False):
         rows = [row for row in found["growth"] if row["what"] == what]
         size, seconds = np.array([[row[what], row["seconds"]] for row in rows], float).T
         plot.loglog(size, seconds, "o-", markersize=4)
         plot.loglog(size, seconds[-1] * size / size[-1], ":", color="gray", label="linear")
         plot.set(title=f"torus, more {what}", xlabel=what, ylabel="seconds of visibility")
-        plot.legend()
     for plot in axes.flat:
         plot.set_visible(plot.has_data())
         plot.grid(alpha=0.3, which="both")
+    tools, linear = (plot.get_legend_handles_labels() for plot in (axes[0][0], axes[1][0]))
+    figure.legend(tools[0] + linear[0], tools[1] + linear[1], loc="lower right", bbox_to_anchor=(0.95, 0.2))
     figure.tight_layout()
     figure.savefig(ROOT / "docs" / "pictures" / "speed.png", dpi=100)
 
