@@ -2,6 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from importlib.util import find_spec
 
 import numpy as np
@@ -20,7 +21,7 @@ def obstacle() -> str | None:
     if find_spec("embreex") is None:
         return "embreex, which traces rays, is not installed; `pip install 'aoprecalc[ray]'`"
     try:
-        import embreex.rtcore_scene  # noqa: F401
+        import_module("embreex.rtcore_scene")
     except ImportError as error:
         return f"embreex, which traces rays, cannot be loaded ({error}); install it again"
     return None
