@@ -89,6 +89,7 @@ def test_faces_without_area_stay_and_are_counted(save):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "3 points but no faces"),
         ("hello\n", "no faces"),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "none of its 1 faces has any area"),
+        ("v 0 0 0\nv 1e-80 0 0\nv 0 1e-80 0\nf 1 2 3\n", "is 1e-80 units across"),
     ],
 )
 def test_damage_is_told_in_one_line(save, text, said):

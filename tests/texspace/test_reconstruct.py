@@ -64,6 +64,30 @@ def test_samples_of_a_picture_give_that_picture_back(wraps):
     assert np.abs(found - picture).max() < 0.1 * np.abs(wrong - picture).max()
 
 
+def test_means_are_of_the_look_ups_that_read_a_texel():
+    """Half-way between the second and the third of four texels: these two have that value, the outer ones none."""
+    fit = Reconstruction(4, 1, wraps=False)
+    fit.add(np.float32([(2.0, 0.5), (2.25, 0.5)]), np.float32([0.2, 0.8]), np.array([1.0, 2.0]))
+    second = (0.2 * 1.0 * 0.5 + 0.8 * 2.0 * 0.25) / (1.0 * 0.5 + 2.0 * 0.25)
+    third = (0.2 * 1.0 * 0.5 + 0.8 * 2.0 * 0.75) / (1.0 * 0.5 + 2.0 * 0.75)
+    assert fit.means()[0] == pytest.approx([0, second, third, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_samples_at_their_spot_are_as_good_as_one_by_one(wraps):
+    """Most at one spot of their texel, some moved from there, some in the texels at the edges."""
+    rng = np.random.default_rng(8)
+    row, column = np.divmod(np.arange(9 * 11), 11)
+    spot = (0.3, 0.8)
+    at = (np.column_stack([column, row]) + spot).astype(np.float32)
+    at[::7] += rng.uniform(-0.2, 0.19, at[::7].shape).astype(np.float32)
+    values, weights = rng.random(len(at)).astype(np.float32), rng.random(len(at)) + 0.1
+    one_by_one = fitted((9, 11), (at, values, weights), wraps=wraps)
+    assert fitted((9, 11), (at, values, weights, spot), wraps=wraps) == pytest.approx(one_by_one, abs=1e-5)
+    halves = [(at[half], values[half], weights[half], spot) for half in (slice(0, 50), slice(50, None))]
+    assert fitted((9, 11), *halves, wraps=wraps) == pytest.approx(one_by_one, abs=1e-5)
+
+
 def test_only_the_shares_of_the_weights_count_and_none_is_no_sample():
     shape = 5, 6
     at, values, weights = measurements(5, shape, 200)

@@ -1,6 +1,6 @@
 // Small occluders seen along one axis: an invocation looks through the few map texels that its triangle may cover. On
-// llvmpipe a rasteriser takes ten times as long for them (measured), as it prepares triangles one by one
-// (idea: B. Karis, R. Stubbe, G. Wihlidal, "A Deep Dive into Nanite Virtualized Geometry", 2021).
+// llvmpipe a rasteriser takes twice as long for the smallest (measured: 273,000 in 26 ms, here 14), as it prepares
+// triangles one by one (idea: B. Karis, R. Stubbe, G. Wihlidal, "A Deep Dive into Nanite Virtualized Geometry", 2021).
 
 #include "map_code.glsl"
 #include "near_far.glsl"

@@ -148,7 +148,7 @@ def bake_scene(
             f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
         )
     with watch.stage("finish"):
-        paintings = [paint(texels, side.values, side.measured, side.reconstruction, wraps=atlas.wraps) for side in seen]
+        paintings = [paint(texels, side.values, side.measured, side.reconstruction) for side in seen]
         texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
     baked = Baked(
         texture=texture,

@@ -9,7 +9,6 @@ from aoprecalc.model import Floats, Mask, Texels, Texture
 from aoprecalc.options import Fill
 from aoprecalc.texspace.reconstruct import Reconstruction
 
-_LOOK_UP = 2  # texels from a covered one at which a look-up on the surface still reads
 _BAND_ROWS = 512
 
 
@@ -27,21 +26,18 @@ class Painting:
     valid: Mask
 
 
-def paint(
-    texels: Texels, values: Floats, measured: Mask, reconstruction: Reconstruction, *, wraps: bool = False
-) -> Painting:
+def paint(texels: Texels, values: Floats, measured: Mask, reconstruction: Reconstruction) -> Painting:
     """Put the means of texels, (k,) float32 in [0, 1], into a picture; only the measured ones, (k,) bool, count.
 
     reconstruction   what was measured, as darkness (1 - value): the picture is improved to fit it
-    wraps            the texture repeats
     """
     picture: Floats = np.zeros((texels.height, texels.width), np.float32)
     valid: Mask = np.zeros(picture.shape, bool)
     index = texels.index[measured]
     picture.ravel()[index], valid.ravel()[index] = values[measured], True
     known = valid | reconstruction.touched()
-    start = pad(picture, valid, _LOOK_UP, wraps=wraps)[0]
-    improved = np.clip(1 - reconstruction.improve(1 - start), 0, 1)  # as darkness: open surfaces stay exactly so
+    start = np.where(valid, 1 - picture, reconstruction.means())  # as darkness: open surfaces stay exactly so
+    improved = np.clip(1 - reconstruction.improve(start), 0, 1)
     return Painting(np.where(known, improved, np.float32(0)), known, valid)
 
 

@@ -71,6 +71,17 @@ class Reconstruction:
         mask: Mask = self._diagonal > 0
         return mask
 
+    def means(self) -> Floats:
+        """Return the mean of what the look-ups that read a texel measured, by their shares; 0 where none reads it.
+
+        (height, width) float32. It is of the surface alone that reads the texel, whatever lies nearer to it.
+        """
+        self._add_pattern()
+        reads = self._apply(
+            np.ones(self._shape, np.float32), self._diagonal
+        )  # shares add up to 1: sums of weight * share
+        return np.divide(self._targets, reads, out=np.zeros_like(reads), where=reads > 0)
+
     def improve(self, picture: Floats) -> Floats:
         """Return the (height, width) float32 picture nearest to the measurements, by conjugate gradients.
 

@@ -32,7 +32,7 @@ BORDER_RULES = {
 }
 
 BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory
-_BLOCK = 16  # texels a side; measured: the gather is a third faster than in rows
+_BLOCK = 16  # texels a side; measured: the gather is a tenth to a quarter faster than in rows
 
 
 @dataclass(frozen=True, eq=False)
