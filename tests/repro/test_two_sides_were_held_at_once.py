@@ -17,6 +17,7 @@ def test_the_first_side_is_given_back_before_the_second(monkeypatch):
         gc.collect()
         alive.append([before() is not None for before in made])
         seen = plain(self, *given)
+        assert not self._renderer.context.objects  # nothing waits to be released
         made.append(weakref.ref(seen))
         return seen
 
