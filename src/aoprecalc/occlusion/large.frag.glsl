@@ -4,12 +4,11 @@
 #include "map_code.glsl"
 
 in float depth;
-flat in vec2 pitch;
+flat in uint slopes;
 layout(location = 0) out float near;
 layout(location = 1) out float far;
 
 void main() {
-    uint slopes = slopesCode(vec2(dFdx(depth), dFdy(depth)) / pitch);
     near = uintBitsToFloat(mapCode(depth, slopes));
     far = uintBitsToFloat(mapCode(-depth, slopes));
 }

@@ -7,11 +7,12 @@ from aoprecalc.errors import UsageError
 from aoprecalc.gl.programs import compute_program, draw_program
 from aoprecalc.model import Floats, Ints
 from aoprecalc.occlusion.projection import Projections
+from aoprecalc.surface.normals import face_directions
 from aoprecalc.surface.z_order import z_order
 
 GRID = 256  # steps a map texel to which vertices are moved: rasterisers do it, and doing it first makes all tiles equal
 _MOST_AXES = 8  # of one batch: the gather is compiled for all of them, which takes 0.35 s where no cache has it
-_TARGET_BYTES = 3 << 24  # of one batch of maps
+_TARGET_BYTES = 1 << 26  # of one batch of maps
 _CELL_BYTES = 8  # two 32-bit floats
 _SMALL = 16.0  # map texels: triangles without a longer edge are looked through, others are rasterised
 _LOCAL_SIZE = 64
@@ -50,7 +51,9 @@ class NearFarMaps:
         order = np.lexsort([z_order((511 * (corners.mean(axis=1) + 1)).astype(np.int64)), sizes])
         self._longest = np.maximum.accumulate(longest[order])
         self._corners = context.buffer(np.ascontiguousarray(corners[order]))
-        self._triangles = context.vertex_array(self._large, [(self._corners, "3f", "in_position")])
+        normals = np.repeat(face_directions(corners[order].astype(np.float64))[0], 3, axis=0).astype(np.float32)
+        of_corners = [(self._corners, "3f", "in_position"), (context.buffer(normals), "3f", "in_normal")]
+        self._triangles = context.vertex_array(self._large, of_corners)
 
     def small(self, projections: Projections) -> int:
         """Return how many triangles are looked through: for all axes of a group, so that batches change nothing."""
