@@ -29,6 +29,7 @@ RANGES: dict[str, tuple[int, int]] = {
     "crease_angle": (0, 180),
     "target_error": (0, 1),
     "threads": (0, 1024),
+    "memory_limit": (1, 1 << 50),
     "seed": (0, 2**32 - 1),
     "spheres": (1, 1_000_000),
     "samples": (1, 100_000_000),
@@ -84,6 +85,8 @@ class BakeOptions:
     two_sided       both sides of a face receive light: a texel has the larger of the two sides' values
     target_error    stop before `directions` once the estimated sampling error (RMS) is at most this; None: never
     threads         for software rendering and rays; 0: all cores; a process keeps to what its first bake asked for
+    memory_limit    bytes that this process is to stay within, unwrapping apart; None: none. Less memory takes more
+                    time and gives the same texture
     """
 
     width: int = 1024
@@ -104,6 +107,7 @@ class BakeOptions:
     two_sided: bool = False
     target_error: float | None = None
     threads: int = 0
+    memory_limit: int | None = None
 
     def __post_init__(self) -> None:
         """Raise UsageError where a value is out of its range."""

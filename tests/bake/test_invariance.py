@@ -8,7 +8,7 @@ import pytest
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.measure.lookup import bilinear
 from aoprecalc.measure.points import spread_points
-from aoprecalc.occlusion import backend, near_far
+from aoprecalc.occlusion import backend, gathering, near_far, portion
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
 from aoprecalc.texspace import samples
@@ -79,6 +79,21 @@ def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
     monkeypatch.setattr(near_far, "_TARGET_BYTES", 1)  # one map at a time
     monkeypatch.setattr(samples, "BAND_TEXELS", 7 * 96)
     assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["gl", "ray"])
+def test_portions_change_no_bit(kind, monkeypatch):
+    """Of which the last is smaller, and whose texels lie in some bands only."""
+    made = scene(*still_life())
+    options = BakeOptions(96, 96, directions=130, shadow_size=128, backend=kind)
+    monkeypatch.setattr(portion, "PART", 1000)
+    monkeypatch.setattr(gathering, "PART", 1000)
+    monkeypatch.setattr(samples, "BAND_TEXELS", 20 * 96)
+    pictures = []
+    for parts in (100, 3, 1):
+        monkeypatch.setattr(portion, "_MOST_PARTS", parts)
+        pictures.append(bake_scene(made, options).texture.values.tobytes())
+    assert pictures[0] == pictures[1] == pictures[2]
 
 
 def test_runs_of_small_triangles_change_no_bit(monkeypatch):

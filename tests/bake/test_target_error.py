@@ -58,7 +58,7 @@ def gathered(renderer, shape, directions, **options):
     made, atlas, sampler, texels = texels_of(shape)
     observer = MapObserver(renderer, UnitSurface.of(made, shading_normals(made)), len(texels), 128)
     given = BakeOptions(SIZE, SIZE, **options)
-    return gather(observer, sampler, made, atlas, texels, axes(directions), given, Progress())
+    return gather(observer, sampler, made, atlas, texels, axes(directions), len(texels), given, Progress())
 
 
 @cache

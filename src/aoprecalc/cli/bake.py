@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common, option, shadow_size, size
+from aoprecalc.cli.options import common, memory, option, shadow_size, size
 from aoprecalc.options import RANGES, BakeOptions
 
 
@@ -58,6 +58,12 @@ from aoprecalc.options import RANGES, BakeOptions
     help="Stop before -n directions once the estimated sampling error is at most E.",
 )
 @option("--threads", of=BakeOptions, field="threads", help="For software rendering and rays; 0: all cores.")
+@click.option(
+    "--memory-limit",
+    type=memory,
+    metavar="SIZE",
+    help="Stay within this much memory, such as 1.5G: the same texture, in more time.",
+)
 @click.option(
     "--verify", is_flag=True, help="Measure the texture against ray tracing, for the report; needs the extra ray."
 )

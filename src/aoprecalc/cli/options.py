@@ -51,6 +51,14 @@ def size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2] or match[1])
 
 
+def memory(text: str) -> int:
+    """Read an amount of memory such as 800M or 1.5G (or GB, GiB: all are powers of 1024), in bytes."""
+    match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT])(?:i?B)?", text.strip(), re.IGNORECASE)
+    if match is None:
+        raise click.BadParameter(f"{text!r} is no amount of memory; expected a number and K, M, G or T, such as 1.5G")
+    return int(float(match[1]) * 1024 ** (1 + "KMGT".index(match[2].upper())))
+
+
 def shadow_size(text: str) -> int | None:
     """Read the side of a near/far map: a number of texels, or `auto`, which is None."""
     if text == "auto":

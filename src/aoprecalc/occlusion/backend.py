@@ -37,8 +37,8 @@ class Backend(Protocol):
         """Return what finds the surface under the texels of a layout."""
         ...
 
-    def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
-        """Return what measures the visibility of `count` samples; only maps have a `shadow_size`."""
+    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+        """Return what measures the visibility of up to `most` samples at a time; only maps have a `shadow_size`."""
         ...
 
     def check(self) -> None:
@@ -70,10 +70,10 @@ class MapBackend:
         """Return a Raster."""
         return Raster(self._renderer.context, layout)
 
-    def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
+    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
         """Return a MapObserver."""
         self._renderer.context.gc()  # what an observer that is gone has held
-        return MapObserver(self._renderer, surface, count, shadow_size)
+        return MapObserver(self._renderer, surface, most, shadow_size)
 
     def check(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
@@ -99,7 +99,7 @@ class RayBackend:
         """Return a ScanlineRaster."""
         return ScanlineRaster(layout)
 
-    def observer(self, surface: UnitSurface, count: int, shadow_size: int) -> Observer:
+    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
         """Return a RayObserver."""
         return RayObserver(surface, self._threads)
 

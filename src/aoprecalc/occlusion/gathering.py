@@ -1,6 +1,6 @@
 """From samples to the ambient occlusion of texels: the visibility of one group of axes after the other, summed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,13 +8,12 @@ from aoprecalc.model import Atlas, Doubles, Floats, Mask, Scene, Texels
 from aoprecalc.occlusion.axes import groups, texel_offset
 from aoprecalc.occlusion.estimate import estimate, sampling_error
 from aoprecalc.occlusion.observer import Observer
+from aoprecalc.occlusion.portion import PART, runs
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.places import places, surface_of_texel
 from aoprecalc.texspace.reconstruct import Reconstruction
 from aoprecalc.texspace.samples import Samples, TexelSampler
-
-_PART = 1 << 20  # samples that are fitted at a time: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +41,24 @@ def gather(
     atlas: Atlas,
     texels: Texels,
     axes: Doubles,
+    most: int,
     options: BakeOptions,
     progress: Progress,
 ) -> Gathered:
     """Gather along (a, 3) axes, or fewer where `options.target_error` is reached before.
 
     Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
-    difference tells the error.
+    difference tells the error. At most `most` texels are looked at at a time.
     """
     reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
     stands_for = surface_of_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
 
-    def look(spot: tuple[float, float], some_axes: Doubles, count: int) -> Floats:
-        samples = sampler.samples(texels, spot)
+    def look(some_texels: Texels, spot: tuple[float, float], some_axes: Doubles, count: int) -> Floats:
+        samples = sampler.samples(some_texels, spot)
         sums = observer.look(samples, some_axes, progress)
-        for start in range(0, len(texels), _PART):
-            part = slice(start, start + _PART)
+        for start in range(0, len(sums), PART):
+            part = slice(start, start + PART)
             some = Samples(samples.faces[part], samples.weights[part])
             values, measured = estimate(sums[part], count, options.estimator)
             counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
@@ -70,7 +70,9 @@ def gather(
     error = None
     for number, group in enumerate(groups(len(axes))):
         count = 2 * (group.stop - group.start)
-        halves[number % 2] += look(texel_offset(number), axes[group], count)
+        for held in runs(len(texels), most):
+            some_texels = replace(texels, index=texels.index[held])
+            halves[number % 2, held] += look(some_texels, texel_offset(number), axes[group], count)
         used[number % 2] += count
         if number % 2 or group.stop == len(axes):
             error = sampling_error(halves, used, options.estimator, options.sampling)

@@ -19,12 +19,12 @@ from aoprecalc.texspace.samples import Samples
 class MapObserver:
     """An Observer that draws maps and reads them at the samples; see gather.comp.glsl."""
 
-    def __init__(self, renderer: Renderer, surface: UnitSurface, count: int, shadow_size: int) -> None:
-        """Make room for `count` samples and for maps of `shadow_size` texels a side."""
+    def __init__(self, renderer: Renderer, surface: UnitSurface, most: int, shadow_size: int) -> None:
+        """Make room for `most` samples at a time and for maps of `shadow_size` texels a side."""
         self._outline = extreme_points(surface.positions.astype(np.float64))
         self._size = shadow_size
         self._maps = NearFarMaps(renderer.context, surface.positions, surface.faces, shadow_size)
-        self._receivers = Receivers(renderer.context, surface, count, self._maps)
+        self._receivers = Receivers(renderer.context, surface, most, self._maps)
 
     def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
         """Return the visibility sums of the samples, see Observer."""

@@ -8,7 +8,7 @@ from aoprecalc.texspace.samples import Samples
 
 
 class Observer(Protocol):
-    """Measures visibility for the samples of one set of texels, again and again."""
+    """Measures visibility for samples, again and again."""
 
     def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
         """Return what k samples see along (a, 3) axes, (k, 2) float32 sums over both directions of each.

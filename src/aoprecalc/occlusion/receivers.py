@@ -18,10 +18,9 @@ _NO_FACE = 0xFFFFFFFF
 
 @dataclass(frozen=True, eq=False)
 class _Store:
-    """A run of texels on the renderer: storage buffers, each with one entry a texel."""
+    """A run of receivers on the renderer: storage buffers, each with one entry a receiver."""
 
     texels: slice
-    count: int
     faces: moderngl.Buffer
     points: moderngl.Buffer
     sums: moderngl.Buffer
@@ -50,9 +49,11 @@ class Receivers:
         ]
         self._stores = [self._store(slice(start, min(start + _MOST, count))) for start in range(0, count, _MOST)]
         self._weights = context.buffer(reserve=min(count, _MOST) * 8)  # of one store at a time
+        self._placed = 0  # receivers
 
     def place(self, samples: Samples) -> None:
-        """Put the receivers at the samples, and their sums to zero."""
+        """Put receivers at the samples, as many as there is room for or fewer, and their sums to zero."""
+        self._placed = len(samples.faces)
         for binding, buffer in enumerate(self._surface):
             buffer.bind_to_storage_buffer(binding)
         for store in self._stores:
@@ -73,17 +74,26 @@ class Receivers:
 
     def sums(self) -> Floats:
         """Return the sums since `place`, (k, 2) float32: weight of what is visible, and of all."""
-        sums = np.empty((sum(store.count for store in self._stores), 2), np.float32)
+        sums = np.empty((self._placed, 2), np.float32)
         for store in self._stores:
-            sums[store.texels] = np.frombuffer(store.sums.read(), np.float32).reshape(-1, 2)
+            if self._count(store):
+                found = np.frombuffer(store.sums.read(), np.float32).reshape(-1, 2)
+                sums[store.texels] = found[: self._count(store)]
         return sums
 
     def _run(self, program: moderngl.ComputeShader, store: _Store, each: int = 1) -> None:
         """Run a program of which an invocation takes `each` texels."""
-        program["texel_count"] = store.count
-        program.run(-(-store.count // (each * _LOCAL_SIZE)))
-        self._context.memory_barrier()
+        count = self._count(store)
+        if count:
+            program["texel_count"] = count
+            program.run(-(-count // (each * _LOCAL_SIZE)))
+            self._context.memory_barrier()
+
+    def _count(self, store: _Store) -> int:
+        """How many receivers are placed in a store."""
+        count: int = min(store.texels.stop, self._placed) - store.texels.start
+        return max(0, count)
 
     def _store(self, texels: slice) -> _Store:
         count = texels.stop - texels.start
-        return _Store(texels, count, *(self._context.buffer(reserve=count * size) for size in (4, 16, 8)))
+        return _Store(texels, *(self._context.buffer(reserve=count * size) for size in (4, 16, 8)))

@@ -28,6 +28,7 @@ from aoprecalc.model import Atlas, Baked, Floats, Scene
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.backend import open_backend
 from aoprecalc.occlusion.gathering import Gathered, gather
+from aoprecalc.occlusion.portion import portion, runs
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
@@ -129,18 +130,21 @@ def bake_scene(
         progress.note(_describe(atlas, options.padding))
         sampler = backend.sampler(lay_out(scene, atlas, options.width, options.height))
         texels = sampler.coverage()
+        size = f"{options.width} x {options.height}"
         if not len(texels):
-            size = f"{options.width} x {options.height}"
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
         overlap = sampler.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
+        most = portion(options.memory_limit, size, options.width * options.height, len(texels))
         sides = [surface, surface.turned()] if options.two_sided else [surface]
 
         def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made
-            observer = backend.observer(side, len(texels), shadow_size)
-            return gather(observer, sampler, scene, atlas, texels, directions, options, progress)
+            observer = backend.observer(side, most, shadow_size)
+            return gather(observer, sampler, scene, atlas, texels, directions, most, options, progress)
 
-        with watch.stage("visibility", len(sides) * 2 * len(directions), "directions"):
+        times = len(runs(len(texels), most))
+        unit = "directions" if times == 1 else f"directions, {times} times to save memory"
+        with watch.stage("visibility", times * len(sides) * 2 * len(directions), unit):
             seen = [look_from(side) for side in sides]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):

@@ -64,6 +64,8 @@ class Raster:
             band: slice | NDArray[np.intp] = slice(None)
             if len(self._bands) > 1:
                 band = np.flatnonzero((texels.index >= start) & (texels.index < stop))
+                if not len(band):
+                    continue
             found = self._read(row, rows, sample_at)[texels.index[band] - start]
             faces[band] = found[:, 0].astype(np.int32) - 1
             weights[band] = off_borders(kept_inside(found[:, 1:3].T), faces[band], self._least)

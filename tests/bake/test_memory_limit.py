@@ -1,0 +1,62 @@
+"""--memory-limit: the same texture in less memory, or one line that says how much is needed."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import trimesh
+
+from aoprecalc.errors import UsageError
+from aoprecalc.occlusion import portion as portions
+from aoprecalc.occlusion.portion import PART, portion, runs
+
+MEGABYTE = 1 << 20
+
+
+def test_a_portion_shrinks_with_the_limit_and_is_made_of_whole_parts(monkeypatch):
+    monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
+    found = [portion(mb * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24) for mb in (1615, 1640, 1700, 1800, 9000)]
+    assert found == sorted(found)
+    assert found[0] == PART
+    assert found[-1] == portion(None, "4096 x 4096", 1 << 24, 1 << 24)
+    assert all(texels % PART == 0 for texels in found)
+
+
+def test_a_limit_that_cannot_be_kept_is_refused(monkeypatch):
+    monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
+    with pytest.raises(UsageError, match=r"--memory-limit is 500M; 4096 x 4096 texels of this mesh need \d+M"):
+        portion(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24)
+
+
+def test_parts_cover_everything_once():
+    assert [(run.start, run.stop) for run in runs(2500, 1000)] == [(0, 1000), (1000, 2000), (2000, 2500)]
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="the system does not tell how much memory a child has held")
+def test_the_least_limit_that_is_told_is_kept_and_gives_the_same_bytes(tmp_path):
+    square = trimesh.visual.TextureVisuals(uv=[(0, 0), (1, 0), (1, 1), (0, 1)])
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=square, process=False).export(tmp_path / "square.ply")
+
+    def bake(*limit):
+        words = ["bake", "square.ply", "--size", "2048", "-n", "128", "--unwrap", "keep", "-q", *limit]
+        child = subprocess.Popen(
+            [sys.executable, "-m", "aoprecalc", *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+        )
+        with child.stderr:
+            errors = child.stderr.read()
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        return child.returncode, errors, usage.ru_maxrss / 1024
+
+    code, errors, _ = bake("--memory-limit", "1M")
+    assert code == 2
+    least = int(re.search(r"need (\d+)M", errors)[1])
+    code, errors, most = bake("--memory-limit", f"{least + 8}M")  # some pages more or less than a moment ago
+    assert code == 0, errors
+    assert most <= least + 8
+    limited = (tmp_path / "square_ao.png").read_bytes()
+    assert bake()[2] > most
+    assert (tmp_path / "square_ao.png").read_bytes() == limited
