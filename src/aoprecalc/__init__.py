@@ -16,6 +16,7 @@ _HOMES = {
     "bake": "recipes",
     "bake_scene": "recipes",
     "fit_spheres": "recipes",
+    "measure_spheres": "recipes",
     "verify": "recipes",
     "BakeOptions": "options",
     "SphereOptions": "options",

@@ -152,10 +152,13 @@ class SphereSet:
     radii        (n,) float64, in the mesh's units
     iterations   how many times every sample was given to its best sphere
     converged    the last iteration changed no sample's sphere
-    method       how the spheres were fitted: lloyd
-    radius_rule  how the radii were chosen: mean, uniform or cover
+    method       how the spheres were fitted: lloyd, algebraic, shadow or collision
+    radius_rule  how the radii were chosen: mean, uniform or cover; own for the methods that have their own
     samples      how many surface samples were used
     seed         of the samples and of every random choice
+    guarded      how often a guard decided instead of the least squares (algebraic)
+    coarser      the next coarser level, where there are several
+    parents      (n,) int32: the number of the coarser sphere to which each sphere belongs; None without a coarser level
     """
 
     centers: Doubles
@@ -166,6 +169,9 @@ class SphereSet:
     radius_rule: str
     samples: int
     seed: int
+    guarded: int = 0
+    coarser: "SphereSet | None" = None
+    parents: Ints | None = None
 
     def __len__(self) -> int:
         return len(self.radii)

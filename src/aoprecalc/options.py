@@ -4,6 +4,7 @@ Standard library only, so that `aoprecalc --help` is instant.
 """
 
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any, Literal, get_args, get_type_hints
 
 from aoprecalc.errors import UsageError
@@ -17,6 +18,7 @@ Normals = Literal["auto", "file", "smooth", "flat"]
 BitDepth = Literal["auto", "8", "16", "half", "float"]
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
+Method = Literal["lloyd", "algebraic", "shadow", "collision"]
 
 # name -> (least, greatest): the ranges that help texts print and that every way in is held to.
 RANGES: dict[str, tuple[int, int]] = {
@@ -120,16 +122,26 @@ class BakeOptions:
 class SphereOptions:
     """How to fit spheres to a mesh.
 
+    method           lloyd: means of clusters, the source's metric B; algebraic: least squares, its metric A; shadow:
+                     the silhouettes come closest to the mesh's; collision: the spheres hold the whole surface
     spheres          how many
+    tolerance        as few spheres as leave an error of at most this, instead of `spheres`: of 1 - silhouette IoU for
+                     shadow and collision, of the mean surface error / diagonal for others; None: `spheres`
+    levels           numbers of spheres, ascending, of sets of several finenesses, instead of `spheres`; the default is
+                     one
     samples          points drawn on the surface, at least `spheres`
     seed             of the samples and of every random choice
-    radius           mean: per cluster, the mean distance of its samples; uniform: one radius, the mean over all
-                     samples; cover: per cluster, the greatest distance
+    radius           mean: per cluster, the mean distance of its samples (algebraic: the root mean square, which is its
+                     own); uniform: one radius, the mean over all samples; cover: per cluster, the greatest distance
     init             first: the first samples are the first centres; kmeans++: spread by squared distance
     max_iterations   stop here even if samples still change spheres
+    Neither of these three is for shadow and collision, which choose by themselves.
     """
 
+    method: Method = "lloyd"
     spheres: int = 100
+    tolerance: float | None = None
+    levels: tuple[int, ...] = ()
     samples: int = 100_000
     seed: int = 0
     radius: Radius = "mean"
@@ -139,10 +151,22 @@ class SphereOptions:
     def __post_init__(self) -> None:
         """Raise UsageError where a value is out of its range."""
         _check(self)
-        if self.spheres > self.samples:
+        low, high = RANGES["spheres"]
+        ascending = all(first < second for first, second in pairwise(self.levels))
+        if self.levels and not (ascending and low <= self.levels[0] and self.levels[-1] <= high):
+            told = ",".join(str(level) for level in self.levels)
+            raise UsageError(f"--levels is {told}; expected ascending numbers of spheres such as 8,32,128")
+        if self.levels and self.tolerance is not None:
+            raise UsageError("--levels and --tolerance both say how many spheres; use one of them")
+        if self.method in ("shadow", "collision") and (self.radius, self.init) != ("mean", "first"):
             raise UsageError(
-                f"{self.spheres} spheres from {self.samples} samples: each sphere starts at a sample of its own; "
-                f"ask for fewer spheres or at least {self.spheres} samples"
+                f"--radius and --init are not for --method {self.method}, which chooses by itself; omit them"
+            )
+        most = 1 if self.tolerance is not None else max(self.levels, default=self.spheres)
+        if most > self.samples:
+            raise UsageError(
+                f"{most} spheres from {self.samples} samples: each sphere starts at a sample of its own; "
+                f"ask for fewer spheres or at least {most} samples"
             )
 
 

@@ -51,6 +51,13 @@ def size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2] or match[1])
 
 
+def levels(text: str) -> tuple[int, ...]:
+    """Read numbers of spheres, such as 8,32,128."""
+    if not re.fullmatch(r"\d{1,9}(,\d{1,9})*", text.replace(" ", "")):
+        raise click.BadParameter(f"{text!r} are no numbers of spheres; expected some such as 8,32,128")
+    return tuple(int(number) for number in text.split(","))
+
+
 def memory(text: str) -> int:
     """Read an amount of memory such as 800M or 1.5G (or GB, GiB: all are powers of 1024), in bytes."""
     match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT])(?:i?B)?", text.strip(), re.IGNORECASE)

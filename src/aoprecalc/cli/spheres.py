@@ -5,16 +5,37 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common, option
+from aoprecalc.cli.options import common, levels, option
+from aoprecalc.errors import UsageError
 from aoprecalc.options import SphereOptions
 
 
 @click.command(short_help="Fit spheres that stand in for a mesh.")
 @click.argument("mesh")
 @click.option(
-    "-o", "--output", metavar="PATH", help="The sphere set (.json), or a folder. [default: <stem>_spheres.json]"
+    "-o",
+    "--output",
+    metavar="PATH",
+    help="The sphere set, its kind by the extension (.json .csv .npz .ply .obj .glb .yml .yaml .urdf .usda), or a "
+    "folder. [default: <stem>_spheres.json]",
 )
 @option("-n", "--spheres", of=SphereOptions, field="spheres", help="How many.")
+@option(
+    "--method",
+    of=SphereOptions,
+    field="method",
+    help="Means of clusters, least squares, the best silhouettes, or spheres that hold the whole surface.",
+)
+@option(
+    "--tolerance",
+    of=SphereOptions,
+    field="tolerance",
+    help="Instead of -n: as few as leave an error of at most E.",
+)
+@click.option("--levels", type=levels, metavar="N,N,...", help="Instead of -n: several sets, coarse to fine.")
+@click.option(
+    "--measure", metavar="FILE", help="Fit nothing: measure the spheres in FILE (.json .csv .npz) against MESH."
+)
 @option("-s", "--samples", of=SphereOptions, field="samples", help="Points drawn on the surface.")
 @option("--seed", of=SphereOptions, field="seed", help="Of the samples and every random choice.")
 @option(
@@ -27,19 +48,36 @@ from aoprecalc.options import SphereOptions
 @option("--max-iterations", of=SphereOptions, field="max_iterations", help="Stop here even if not converged.")
 @common
 def spheres(mesh: str, **given: Any) -> None:
-    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb), for casting soft shadows.
+    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb), for casting soft shadows or for collisions.
 
-    Writes them as JSON, in the mesh's own coordinates.
+    Writes them, in the mesh's own coordinates, as JSON or as what the output's extension says.
     """
     from aoprecalc import recipes
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    output, as_json = given.pop("output"), given.pop("as_json")
-    result = recipes.fit_spheres(mesh, output, options=SphereOptions(**given), progress=console)
+    output, as_json, measured = given.pop("output"), given.pop("as_json"), given.pop("measure")
+    options = SphereOptions(**given | {"levels": given["levels"] or ()})
+    if measured is not None:
+        if output is not None:
+            raise UsageError("--measure writes no spheres, but --output was given; omit one of them")
+        found_quality = recipes.measure_spheres(mesh, measured, options=options, progress=console)
+        click.echo(found_quality.document if as_json else _table(found_quality.quality), nl=False)
+        return
+    result = recipes.fit_spheres(mesh, output, options=options, progress=console)
     if as_json:
-        click.echo(result.path.read_text(encoding="utf-8"), nl=False)
+        click.echo(result.document, nl=False)
         return
     found = result.spheres
     state = "converged" if found.converged else "not converged"
     count = f"{len(found)} sphere{'s' if len(found) > 1 else ''}"
     click.echo(f"{result.path}  {count}, {state} after {found.iterations} iterations")
+    quality = result.quality
+    click.echo(
+        f"silhouettes {quality['silhouette_iou']:.3f} alike, {quality['leak']:.3f} missing, "
+        f"{quality['spill']:.3f} beside; surface error {quality['surface_error_mean']:.4f} of the diagonal"
+    )
+
+
+def _table(quality: dict[str, float]) -> str:
+    """A line for each figure."""
+    return "".join(f"{name:20} {value:.6g}\n" for name, value in quality.items())

@@ -1,19 +1,16 @@
 """Directions of light, uniform on the sphere, as axes: a direction and its opposite share one rendering pass.
 
-Even sets follow the spherical Fibonacci lattice (R. Swinbank and R. J. Purser, "Fibonacci grids", 2006), here on the
-half sphere. The lattice in its own order sweeps from pole to equator; it is visited with a stride that makes every run
-of GROUP axes an even set too.
+Even sets follow the lattice of `surface.directions`, which in its own order sweeps from pole to equator; it is visited
+with a stride that makes every run of GROUP axes an even set too.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles
 from aoprecalc.options import Sampling
+from aoprecalc.surface.directions import GOLDEN, half_sphere
 
 GROUP = 64  # axes that share a sub-texel offset; also the runs that are even by themselves
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-_TURN = 0.137  # of a whole one: keeps the first axes away from the planes in which people model
 _PLASTIC = 1.324717957244746  # of R2, the sequence for offsets
 _MOST_STRIDES = 400
 
@@ -28,7 +25,7 @@ def axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Do
         vectors = np.random.default_rng(seed).normal(size=(count, 3))
         vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
         return vectors
-    return _lattice(np.arange(count) * _stride(count) % count, count)
+    return half_sphere(np.arange(count) * _stride(count) % count, count)
 
 
 def groups(count: int) -> list[slice]:
@@ -43,16 +40,8 @@ def texel_offset(group: int) -> tuple[float, float]:
     aside, so that either half of the groups covers the square by itself.
     """
     pair, odd = divmod(group, 2)
-    right, down = 0.5 + pair / _PLASTIC + odd * _GOLDEN, 0.5 + pair / _PLASTIC**2 + odd * _GOLDEN**2
+    right, down = 0.5 + pair / _PLASTIC + odd * GOLDEN, 0.5 + pair / _PLASTIC**2 + odd * GOLDEN**2
     return right % 1.0, down % 1.0
-
-
-def _lattice(index: NDArray[np.int64], count: int) -> Doubles:
-    """Return the points number `index` (any shape) of the half sphere's lattice of `count`, (..., 3)."""
-    z = (index + 0.5) / count
-    angle = 2.0 * np.pi * ((index * _GOLDEN + _TURN) % 1.0)
-    ring = np.sqrt(1.0 - z * z)
-    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=-1)
 
 
 def _stride(count: int) -> int:
@@ -65,7 +54,7 @@ def _stride(count: int) -> int:
         return 1
     strides = np.arange(1, count, dtype=np.int64)
     strides = strides[np.gcd(strides, count) == 1][:_MOST_STRIDES]
-    runs = _lattice(strides[:, None] * np.arange(GROUP) % count, count)
+    runs = half_sphere(strides[:, None] * np.arange(GROUP) % count, count)
     cosines = np.abs(runs @ runs.transpose(0, 2, 1))
     cosines[:, np.arange(GROUP), np.arange(GROUP)] = 0.0
     energy = (1.0 / np.sqrt(np.maximum(1.0 - cosines**2, 1e-12))).sum(axis=(1, 2))

@@ -4,22 +4,38 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from aoprecalc.errors import UsageError
 from aoprecalc.files import Outputs, load_scene, source_files
 from aoprecalc.files.places import claim, output_place
-from aoprecalc.files.sphere_sets import check_kind, write_sphere_set
+from aoprecalc.files.sphere_sets import (
+    check_kind,
+    quality_document,
+    read_spheres,
+    sphere_document,
+    write_sphere_set,
+)
 from aoprecalc.model import SphereSet
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import Quality, fit
+from aoprecalc.spheres import Quality, fit, measure
 
 
 @dataclass(frozen=True, eq=False)
 class SpheresResult:
-    """Where the spheres were written, the spheres, and what was measured about them."""
+    """Where the spheres were written, the spheres, what was measured about them, and all of it as JSON text."""
 
     path: Path
     spheres: SphereSet
     quality: Quality
+    document: str
+
+
+@dataclass(frozen=True, eq=False)
+class MeasureResult:
+    """What was measured about spheres, and the same as JSON text."""
+
+    quality: Quality
+    document: str
 
 
 def fit_spheres(
@@ -38,6 +54,8 @@ def fit_spheres(
     mesh = Path(mesh)
     path = output_place(output, f"{mesh.stem}_spheres.json")
     check_kind(path)
+    if options.levels and path.suffix.lower() != ".json":
+        raise UsageError(f"{path}: --levels are kept by .json alone; rename the output, or fit each level by itself")
     with Outputs() as outputs:
         outputs.protect([mesh])
         claim(outputs, output, path)
@@ -45,7 +63,28 @@ def fit_spheres(
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         spheres, quality = fit(scene, options, progress)
-        write_sphere_set(outputs.path(path), spheres, quality)
+        write_sphere_set(outputs.path(path), spheres, quality, scene)
     for line in scene.warnings:
         progress.warn(line)
-    return SpheresResult(path, spheres, quality)
+    return SpheresResult(path, spheres, quality, sphere_document(spheres, quality))
+
+
+def measure_spheres(
+    mesh: str | PathLike[str],
+    spheres: str | PathLike[str],
+    *,
+    options: SphereOptions | None = None,
+    progress: Progress | None = None,
+) -> MeasureResult:
+    """Measure how well the spheres in a file (.json .csv .npz), of any origin, stand in for a mesh file.
+
+    Of the options only `samples` and `seed` count. Raises InputError where either file cannot be used.
+    """
+    options, progress = options or SphereOptions(), progress or Progress()
+    centers, radii = read_spheres(Path(spheres))
+    with progress.stage("load"):
+        scene = load_scene(Path(mesh))
+    quality = measure(scene, centers, radii, options, progress)
+    for line in scene.warnings:
+        progress.warn(line)
+    return MeasureResult(quality, quality_document(len(radii), quality))

@@ -1,52 +1,107 @@
-"""How well spheres stand in for the surface that they were fitted to."""
+"""How well a set of spheres stands in for a mesh, however the spheres were made."""
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from aoprecalc.model import Doubles, Mask
+from aoprecalc.model import Doubles, Scene
+from aoprecalc.spheres.distance import signed_distances
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.lloyd import Clusters
+from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
+from aoprecalc.spheres.solid import Grid, inside_mesh, sphere_layers
+from aoprecalc.surface.topology import topology
 
 Quality = dict[str, float]
 
+_VIEWS, _PIXELS = 32, 256
+_TURN = 0.5  # of the views, which no fit uses
+_WINDOW = 1.1  # half a picture's side, in the mesh's greatest distance from the middle of its box
+_CUBES = 128  # along the longest side of the grid that measures volumes
+_ROUNDING = 1e-9  # in the frame: a point as far beyond a sphere lies on it
 
-def quality(points: Doubles, clusters: Clusters, radii: Doubles, frame: Frame) -> Quality:
-    """Measure a sphere set, in the frame, on the samples that it was fitted to.
 
-    points   (s, 3) float64 in the frame
-    radii    (n,) float64 in the frame
+def quality(scene: Scene, frame: Frame, points: Doubles, centers: Doubles, radii: Doubles) -> Quality:
+    """Measure spheres, in the frame: centers (n, 3), radii (n,) >= 0, on points, (s, 3), of the scene's surface.
 
-    radius_min, radius_mean, radius_max, radius_deviation   spread of the radii, the last their standard deviation,
-                         in the mesh's units
-    inertia              sum over the samples of their squared distance from their centre, / diagonal of the box squared
-    surface_error_mean   mean over the samples of their distance from their own sphere, ||p - c| - r|, / diagonal
-    surface_error_max    the greatest of these distances, / diagonal
-    coverage             share of the samples that lie inside some sphere, 0 to 1
+    radius_min, radius_mean, radius_max, radius_deviation   of the radii, the last their standard deviation, in the
+                        mesh's units
+    inertia             sum over the points of the squared distance to the nearest centre, / diagonal of the box squared
+    surface_error_mean, surface_error_p95, surface_error_max   of the points' distances from the surface of the nearest
+                        sphere, |min over spheres of |p - c| - r|, / diagonal
+    coverage            share of the points that lie in some sphere, 0 to 1
+    and what `silhouette_quality` and `volume_quality` find.
     """
-    own = radii[clusters.labels]
-    error = np.abs(clusters.distances - own) / frame.diagonal
-    inside = clusters.distances <= own
-    inside[~inside] = _inside_any(points[~inside], clusters.centers, radii)
+    away = signed_distances(points, centers, radii)
+    error = np.abs(away) / frame.diagonal if frame.diagonal else np.abs(away)
+    nearest = cKDTree(centers).query(points)[0]
     measured = {
         "radius_min": radii.min() * frame.scale,
         "radius_mean": radii.mean() * frame.scale,
         "radius_max": radii.max() * frame.scale,
         "radius_deviation": radii.std() * frame.scale,
-        "inertia": np.square(clusters.distances / frame.diagonal).sum(),
+        "inertia": np.square(nearest / (frame.diagonal or 1.0)).sum(),
         "surface_error_mean": error.mean(),
+        "surface_error_p95": np.quantile(error, 0.95),
         "surface_error_max": error.max(),
-        "coverage": inside.mean(),
+        "coverage": (away <= _ROUNDING).mean(),
     }
-    return {name: float(value) for name, value in measured.items()}
+    positions = frame.enter(scene.positions)
+    found = {name: float(value) for name, value in measured.items()}
+    found |= silhouette_quality(scene, positions, centers, radii)
+    return found | volume_quality(scene, positions, centers, radii)
 
 
-def _inside_any(points: Doubles, centers: Doubles, radii: Doubles) -> Mask:
-    """(k,) bool: which points, (k, 3), lie inside at least one sphere.
+def silhouette_quality(scene: Scene, positions: Doubles, centers: Doubles, radii: Doubles) -> Quality:
+    """Compare silhouettes over 32 directions that no fit uses, at 256 x 256 pixels by their centres.
 
-    A sphere of radius r becomes a point sqrt(R^2 - r^2) away along a fourth axis, R the greatest radius: |p - c| <= r
-    exactly where the distance in four dimensions is <= R, so that one look-up of the nearest centre answers for all.
+    positions (v, 3) of the scene's vertices in the frame
+    With the mesh's silhouette M and the spheres' S in each view, in the mean over the views unless said otherwise:
+    silhouette_iou       area of M and S in common / area of either
+    silhouette_iou_min   the same in the worst view
+    leak                 area of M without S / area of M: light that should be blocked
+    spill                area of S without M / area of M: shadow where there is none
+    area_bias            area of S / area of M - 1
+    The picture shows all spheres: those far from the mesh make both small in it. Views in which the mesh covers no
+    pixel do not count; without any other the likeness is 0.
     """
-    largest = radii.max()
-    lifted = np.column_stack([centers, np.sqrt((largest - radii) * (largest + radii))])
-    distances, _ = cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))
-    return np.asarray(distances <= largest, np.bool_)
+    half = _WINDOW * float(np.linalg.norm(positions, axis=1).max())
+    half = max(half, float((np.abs(centers).max(axis=1) + radii).max()))
+    seen = views(_VIEWS, half, _PIXELS, _TURN)
+    mesh = mesh_silhouettes(positions, scene.faces, seen)
+    spheres = sphere_counts(centers, radii, seen) > 0
+    area = mesh.sum(axis=(1, 2))
+    some = area > 0
+    if not some.any():
+        return {"silhouette_iou": 0.0, "silhouette_iou_min": 0.0, "leak": 0.0, "spill": 0.0, "area_bias": 0.0}
+    mesh, spheres, area = mesh[some], spheres[some], area[some]
+    common, covered = (mesh & spheres).sum(axis=(1, 2)), spheres.sum(axis=(1, 2))
+    likeness = common / (area + covered - common)
+    return {
+        "silhouette_iou": float(likeness.mean()),
+        "silhouette_iou_min": float(likeness.min()),
+        "leak": float((1 - common / area).mean()),
+        "spill": float(((covered - common) / area).mean()),
+        "area_bias": float((covered / area - 1).mean()),
+    }
+
+
+def volume_quality(scene: Scene, positions: Doubles, centers: Doubles, radii: Doubles) -> Quality:
+    """Compare volumes by the points of a grid, 128 along the longest side of the box around mesh and spheres.
+
+    overlap           mean number of spheres that hold a point of their union: 1 is no overlap
+    For watertight meshes, over the volume that the mesh winds around:
+    inside_volume     share of it that the spheres hold, 0 to 1
+    outside_volume    what they hold beside it, as a share of it, >= 0
+    """
+    low = np.minimum(positions.min(axis=0), (centers - radii[:, None]).min(axis=0))
+    high = np.maximum(positions.max(axis=0), (centers + radii[:, None]).max(axis=0))
+    grid = Grid.around(low, high, _CUBES)
+    layers = sphere_layers(centers, radii, grid)
+    held = layers > 0
+    found = {"overlap": float(layers[held].mean()) if held.any() else 1.0}
+    if topology(scene.faces).watertight:
+        inside = inside_mesh(positions, scene.faces, grid)
+        volume = np.count_nonzero(inside)
+        if volume:
+            found["inside_volume"] = np.count_nonzero(inside & held) / volume
+            found["outside_volume"] = np.count_nonzero(held & ~inside) / volume
+    return found

@@ -5,6 +5,7 @@ import numpy as np
 from aoprecalc.errors import InputError
 from aoprecalc.model import Doubles, Scene
 from aoprecalc.spheres.frame import Frame
+from aoprecalc.surface.normals import face_directions
 from aoprecalc.surface.uniform import faces_by_area, folded
 
 _BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
@@ -18,13 +19,7 @@ def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.G
     Returns (count, 3) float64 in the frame, each coordinate in [-1, 1] and on the grid of `on_grid`.
     Raises InputError where the surface has no area, and where it is too small for `distinct` points.
     """
-    corners = frame.enter(scene.corners)
-    upto = np.cumsum(_areas(corners, scene, frame))
-    if upto[-1] == 0:
-        raise InputError(
-            f"{scene.path}: the surface has no area (all {len(corners)} faces are points or lines), "
-            "but spheres are fitted to points on it; repair the mesh"
-        )
+    corners, upto = _surface(scene, frame)
     points = np.empty((count, 3))
     for start in range(0, count, _BLOCK):
         block = points[start : start + _BLOCK]
@@ -39,6 +34,17 @@ def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.G
     return points
 
 
+def draw_with_normals(scene: Scene, frame: Frame, count: int, rng: np.random.Generator) -> tuple[Doubles, Doubles]:
+    """Draw points uniformly on the surface; returns them, in the frame, and their faces' unit normals, (count, 3) each.
+
+    Raises InputError where the surface has no area.
+    """
+    corners, upto = _surface(scene, frame)
+    where, along, across = rng.random((count, 3)).T
+    chosen = corners[faces_by_area(upto, where)]
+    return _inside(chosen, *folded(along, across)), face_directions(chosen)[0]
+
+
 def on_grid(points: Doubles) -> Doubles:
     """Round (s, 3) coordinates in [-1, 1] to multiples of the power of two that makes the sum of any of them exact.
 
@@ -47,6 +53,18 @@ def on_grid(points: Doubles) -> Doubles:
     """
     step = 2.0 ** (int(len(points) - 1).bit_length() - 52)
     return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0: no negative zeros, equal is identical
+
+
+def _surface(scene: Scene, frame: Frame) -> tuple[Doubles, Doubles]:
+    """The faces' corners in the frame, (f, 3, 3), and twice the area of each face and all before it, (f,)."""
+    corners = frame.enter(scene.corners)
+    upto = np.cumsum(_areas(corners, scene, frame))
+    if upto[-1] == 0:
+        raise InputError(
+            f"{scene.path}: the surface has no area (all {len(corners)} faces are points or lines), "
+            "but spheres are fitted to points on it; repair the mesh"
+        )
+    return corners, upto
 
 
 def _areas(corners: Doubles, scene: Scene, frame: Frame) -> Doubles:

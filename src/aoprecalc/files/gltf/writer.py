@@ -40,7 +40,7 @@ def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
     document["buffers"] = [{"byteLength": len(data)}]
     if path.suffix.lower() == ".glb":
         text = json.dumps(document, separators=(",", ":")).encode()
-        outputs.path(path).write_bytes(_glb(text, data))
+        outputs.path(path).write_bytes(glb(text, data))
         return
     binary = path.with_suffix(".bin")
     document["buffers"][0] = {"uri": binary.name, **document["buffers"][0]}
@@ -48,7 +48,8 @@ def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
     outputs.path(path).write_bytes(json.dumps(document, indent=1).encode() + b"\n")
 
 
-def _glb(text: bytes, data: bytes) -> bytes:
+def glb(text: bytes, data: bytes) -> bytes:
+    """Lay out a GLB: the document's text, then its binary chunk, where that holds anything."""
     chunks = b""
     for kind, content, filler in ((JSON_CHUNK, text, b" "), (BIN_CHUNK, data, b"\0")):
         padded = content + filler * (-len(content) % 4)

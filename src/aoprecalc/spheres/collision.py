@@ -1,0 +1,102 @@
+"""Spheres that hold the whole surface, and the inside of a closed mesh, while they protrude little.
+
+They begin as those of `shadow`. The same descent goes on, with a pull on the nearest sphere from each point that none
+holds, until hardly any is left outside. Then each small piece of the surface is given to its nearest sphere, and every
+sphere grows until it holds its pieces' corners: as balls are convex it holds the pieces, and so together the spheres
+hold every point of the surface, not of samples alone.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from aoprecalc.model import Doubles, Scene
+from aoprecalc.progress import Progress
+from aoprecalc.spheres.fitted import Fitted
+from aoprecalc.spheres.frame import Frame
+from aoprecalc.spheres.pairing import Indices
+from aoprecalc.spheres.pieces import pieces
+from aoprecalc.spheres.refine import Descent
+from aoprecalc.spheres.shadow import BATCH, Target, shadow
+from aoprecalc.spheres.solid import Grid, inside_mesh
+from aoprecalc.surface.topology import topology
+
+# Chosen on bunny, bigguy, ogre and fruit fly.
+_STEPS = 300
+_PULL = 4.0  # in the end, of a point against the silhouettes' share of it
+_DRAWN = 4000  # points that pull in a step
+_SLACK, _STRONGEST = (
+    0.3,
+    3.0,
+)  # pixels: inside a sphere by how much a point still pulls, and where its pull stops growing
+_PIECE = 0.02  # longest side of a piece, in the frame
+_CUBES = 48  # along the longest side of the grid whose points inside the mesh are held
+_LISTED = 16  # centres among which the nearest sphere is sought
+_ROUNDING = 1e-12  # in the frame, by which spheres are larger than what they hold
+
+
+def collision(
+    scene: Scene, frame: Frame, points: Doubles, count: int, rng: np.random.Generator, progress: Progress
+) -> Fitted:
+    """Fit `count` spheres that hold the surface of a scene, to within the rounding of coordinates.
+
+    points   (s, 3) float64 samples of its surface in the frame
+    Of the inside of a watertight mesh the points of a grid are held, 48 along the longest side of its box.
+    """
+    target = Target.of(frame.enter(scene.positions), scene.faces)
+    begun = shadow(scene, frame, points, count, rng, progress)
+    small = pieces(frame.enter(scene.corners), _PIECE)
+    held = np.concatenate([small.reshape(-1, 3), _inside(scene, frame)])
+    descent = Descent(begun.centers, begun.radii, target.wanted, target.seen, BATCH)
+    for step in range(_STEPS):
+        share = step / _STEPS
+        some = held[rng.integers(len(held), size=_DRAWN)]
+        strength = _PULL * (0.1 + 3 * share) * target.wanted.sum() / len(target.seen) / _DRAWN
+        pull = _pull(some, descent.centers, descent.radii, target.seen.scale, strength)
+        descent.step(0.5 * (1 - share) + 0.03, pull)
+        progress.advance()
+    radii = _grown(small, held[small.size // 3 :], descent.centers, descent.radii)
+    return Fitted(descent.centers, radii, begun.iterations + _STEPS, converged=True)
+
+
+def _pull(points: Doubles, centers: Doubles, radii: Doubles, scale: float, strength: float) -> Doubles:
+    """By how much the spheres should move against (x, y, z) and radius for the points outside them, (n, 4)."""
+    own = _nearest(points, centers, radii)
+    aside = points - centers[own]
+    away = np.linalg.norm(aside, axis=1)
+    beyond = (away - radii[own]) * scale + _SLACK
+    weight = -strength * np.clip(beyond, 0.0, _STRONGEST)
+    slope = [np.bincount(own, weight * side / np.maximum(away, 1e-12), len(radii)) for side in aside.T]
+    return np.column_stack([*slope, np.bincount(own, weight, len(radii))])
+
+
+def _grown(small: Doubles, inside: Doubles, centers: Doubles, radii: Doubles) -> Doubles:
+    """The radii with which spheres hold the pieces, (m, 3, 3), and points, (k, 3), that are nearest to them."""
+    least = np.zeros(len(radii))
+    own = _nearest(small.mean(axis=1), centers, radii)
+    np.maximum.at(least, own, np.linalg.norm(small - centers[own][:, None], axis=2).max(axis=1))
+    own = _nearest(inside, centers, radii)
+    # Those that a sphere holds already, any sphere, ask for nothing.
+    aside = np.linalg.norm(inside - centers[own], axis=1)
+    out = aside > np.maximum(least, radii)[own]
+    np.maximum.at(least, own[out], aside[out])
+    held = np.zeros(len(radii), bool)
+    held[own[~out]] = True
+    return np.where(held, np.maximum(least, radii), least) + _ROUNDING
+
+
+def _inside(scene: Scene, frame: Frame) -> Doubles:
+    """Points of a grid inside a watertight mesh, (k, 3) in the frame; none in another."""
+    if not topology(scene.faces).watertight:
+        return np.zeros((0, 3))
+    positions = frame.enter(scene.positions)
+    grid = Grid.around(positions.min(axis=0), positions.max(axis=0), _CUBES)
+    return grid.points(inside_mesh(positions, scene.faces, grid))
+
+
+def _nearest(points: Doubles, centers: Doubles, radii: Doubles) -> Indices:
+    """The sphere in which each point lies deepest, or to which it is nearest, (k,), among those of near centres."""
+    listed = min(_LISTED, len(radii))
+    distances, near = cKDTree(centers).query(points, list(range(1, listed + 1)))
+    best = np.argmin(distances - radii[near], axis=1)
+    found: Indices = np.take_along_axis(near, best[:, None], axis=1)[:, 0]
+    return found

@@ -1,0 +1,23 @@
+"""What every method of fitting gives."""
+
+from dataclasses import dataclass
+
+from aoprecalc.model import Doubles
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """n spheres in the frame.
+
+    centers      (n, 3) float64
+    radii        (n,) float64 >= 0
+    iterations   rounds of pairing, or steps of the descent
+    converged    the last iteration changed no sample's sphere, or the descent went all its way
+    guarded      how often a guard decided instead of the least squares (algebraic only)
+    """
+
+    centers: Doubles
+    radii: Doubles
+    iterations: int
+    converged: bool
+    guarded: int = 0

@@ -1,0 +1,151 @@
+"""Spheres whose silhouettes are as close to a mesh's as their number allows: what soft shadows are cast by.
+
+Candidates are balls inside the surface, which suit solids, and balls about its points, which suit shells and bristles.
+Of them the greedy choice takes as many as are wanted; a descent moves and resizes them; then, again and again, those
+that hardly anyone would miss move to where most is missing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.progress import Progress
+from aoprecalc.spheres.fitted import Fitted
+from aoprecalc.spheres.frame import Frame
+from aoprecalc.spheres.greedy import choose
+from aoprecalc.spheres.medial import medial_balls
+from aoprecalc.spheres.refine import Descent
+from aoprecalc.spheres.sample import draw_with_normals
+from aoprecalc.spheres.silhouettes import Views, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
+from aoprecalc.surface.directions import GOLDEN
+
+# Chosen on bunny, bigguy, ogre and fruit fly by what they cost and bring.
+_VIEWS, _PIXELS, _TURN = 40, 192, 0.25
+_FOR_CHOICE = 20  # of the views: what the greedy choice looks at
+BATCH = 10  # of the views: what a step of the descent looks at
+_CANDIDATES = 1000  # of each kind
+_LARGEST = 1.0  # radius of a medial ball, in half the longest side of the box: one that large is outside
+_WITHIN = 20_000  # samples that medial balls must not hold
+_SIZES = (0.5, 1.0, 1.6)  # of balls about points, in radii of `count` discs that fill a silhouette
+_LATER_SIZES = (0.25, 0.5, 1.0)  # the same, in the median of the radii, when spheres move
+_ROUNDS, _SHARE = 5, 0.1  # times that spheres move elsewhere, and the share of them that does at first
+_SETTLE, _ROUND, _REST = 120, 60, 200  # steps of the descent: after the choice, after each round, in the end
+
+
+Spheres = tuple[Doubles, Doubles]  # centres (n, 3) and radii (n,)
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A mesh's silhouettes, (d, size, size) bool, in the views `seen`; worth is 1 inside them and -1 outside."""
+
+    seen: Views
+    wanted: Mask
+    worth: Floats
+
+    @classmethod
+    def of(cls, positions: Doubles, faces: Ints) -> "Target":
+        """Take the silhouettes of (f, 3) faces over (v, 3) positions around the origin."""
+        half = 1.1 * float(np.linalg.norm(positions, axis=1).max())
+        order = np.argsort(np.arange(_VIEWS) * GOLDEN % 1.0)  # so that each run of them looks from all around
+        seen = views(_VIEWS, half, _PIXELS, _TURN)[order]
+        wanted = mesh_silhouettes(positions, faces, seen)
+        return cls(seen, wanted, np.where(wanted, 1, -1).astype(np.float32))
+
+    def likeness(self, centers: Doubles, radii: Doubles) -> float:
+        """Return intersection over union of silhouettes, in the mean over the views in which there is any."""
+        covered = sphere_counts(centers, radii, self.seen) > 0
+        union = (covered | self.wanted).sum(axis=(1, 2))
+        both = (covered & self.wanted).sum(axis=(1, 2))
+        return float((both[union > 0] / union[union > 0]).mean())
+
+    def missed(self, centers: Doubles, radii: Doubles) -> Doubles:
+        """Return how many pixels fewer would be right without each sphere, (n,) float64; negative where more would."""
+        counts = sphere_counts(centers, radii, self.seen)
+        alone = np.where(counts == 1, self.worth, np.float32(0))
+        runs = disc_runs(*self.seen.places(centers), radii * self.seen.scale, self.seen.size)
+        gained: Doubles = run_sums(runs, alone, len(self.seen) * len(radii)).reshape(-1, len(radii)).sum(axis=0)
+        return gained
+
+    def choose(self, candidates: Spheres, beside: Spheres, count: int) -> Ints:
+        """Return which of the candidates (centres, radii) to add beside other spheres, at most `count`."""
+        some = self.seen[:_FOR_CHOICE]
+        worth = self.worth[:_FOR_CHOICE]
+        if len(beside[1]):
+            worth = np.where(sphere_counts(*beside, some) == 0, worth, np.float32(0))
+        return choose(*candidates, worth, some, count).astype(np.int32)
+
+
+def shadow(
+    scene: Scene, frame: Frame, points: Doubles, count: int, rng: np.random.Generator, progress: Progress
+) -> Fitted:
+    """Fit `count` spheres to the silhouettes of a scene.
+
+    points   (s, 3) float64 samples of its surface in the frame
+    Steps of the descent are counted on `progress`. The measure of quality looks from elsewhere.
+    """
+    target = Target.of(frame.enter(scene.positions), scene.faces)
+    disc = np.sqrt(target.wanted.mean() * (2 * target.seen.half) ** 2 / (count * np.pi))
+    size = max(float(disc), 1 / target.seen.scale)
+    medial = _medial(scene, frame, points[:_WITHIN], rng)
+
+    def descend(spheres: Spheres, steps: int, first: float, last: float) -> Spheres:
+        descent = Descent(*spheres, target.wanted, target.seen, BATCH)
+        for step in range(steps):
+            descent.step(first + (last - first) * step / steps)
+            progress.advance()
+        return descent.centers, descent.radii
+
+    candidates = _and_about(medial, _points(points, _CANDIDATES, rng), [share * size for share in _SIZES])
+    chosen = target.choose(candidates, (np.zeros((0, 3)), np.zeros(0)), count)
+    short = count - len(chosen)  # where no candidate adds anything any more, as far as these views tell
+    rest = _points(points, short, rng), np.full(short, 0.3 * size)
+    centers, radii = descend(_joined(_taken(candidates, chosen), rest), _SETTLE, 1.0, 0.3)
+    best = target.likeness(centers, radii)
+    steps = _SETTLE
+    for number in range(_ROUNDS if count > 1 else 0):
+        going = max(1, int(_SHARE * count * (1 - number / _ROUNDS)))
+        order = np.argsort(target.missed(centers, radii), kind="stable")
+        go, stay = order[:going], np.sort(order[going:])
+        staying = _taken((centers, radii), stay)
+        sizes = [share * float(np.median(radii)) for share in _LATER_SIZES]
+        candidates = _and_about(medial, _points(points, _CANDIDATES, rng), sizes)
+        chosen = target.choose(candidates, staying, going)
+        spare = go[len(chosen) :]  # they stay for want of a better place
+        moved = _joined(staying, _taken(candidates, chosen), _taken((centers, radii), spare))
+        tried = descend(moved, _ROUND, 0.7, 0.2)
+        steps += _ROUND
+        likeness = target.likeness(*tried)
+        if likeness > best:
+            (centers, radii), best = tried, likeness
+    centers, radii = descend((centers, radii), _REST, 0.3, 0.02)
+    return Fitted(centers, radii, steps + _REST, converged=True)
+
+
+def _medial(scene: Scene, frame: Frame, within: Doubles, rng: np.random.Generator) -> Spheres:
+    """Balls that touch the surface from either side, as its winding may not tell which is inside."""
+    points, normals = draw_with_normals(scene, frame, _CANDIDATES, rng)
+    balls = _joined(*(medial_balls(points, side * normals, within, _LARGEST) for side in (1, -1)))
+    return _taken(balls, np.flatnonzero(balls[1] < 0.99 * _LARGEST))
+
+
+def _and_about(balls: Spheres, points: Doubles, sizes: list[float]) -> Spheres:
+    """Add balls of each size about points, (k, 3)."""
+    return _joined(balls, *((points, np.full(len(points), size)) for size in sizes))
+
+
+def _joined(*sets: Spheres) -> Spheres:
+    centers, radii = (np.concatenate(part) for part in zip(*sets, strict=True))
+    return centers, radii
+
+
+def _taken(spheres: Spheres, which: NDArray[np.integer]) -> Spheres:
+    return spheres[0][which], spheres[1][which]
+
+
+def _points(points: Doubles, count: int, rng: np.random.Generator) -> Doubles:
+    """Pick samples at random, with repeats where there are too few."""
+    picked: Doubles = points[rng.integers(len(points), size=count)]
+    return picked
