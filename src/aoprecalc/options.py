@@ -122,31 +122,30 @@ class BakeOptions:
 class SphereOptions:
     """How to fit spheres to a mesh.
 
-    method           lloyd: means of clusters, the source's metric B; algebraic: least squares, its metric A; shadow:
-                     the silhouettes come closest to the mesh's; collision: the spheres hold the whole surface
     spheres          how many
-    tolerance        as few spheres as leave an error of at most this, instead of `spheres`: of 1 - silhouette IoU for
-                     shadow and collision, of the mean surface error / diagonal for others; None: `spheres`
-    levels           numbers of spheres, ascending, of sets of several finenesses, instead of `spheres`; the default is
-                     one
     samples          points drawn on the surface, at least `spheres`
     seed             of the samples and of every random choice
     radius           mean: per cluster, the mean distance of its samples (algebraic: the root mean square, which is its
                      own); uniform: one radius, the mean over all samples; cover: per cluster, the greatest distance
     init             first: the first samples are the first centres; kmeans++: spread by squared distance
-    max_iterations   stop here even if samples still change spheres
-    Neither of these three is for shadow and collision, which choose by themselves.
+    max_iterations   stop here even if samples still change spheres; with radius and init for lloyd and algebraic alone
+    method           lloyd: means of clusters, the source's metric B; algebraic: least squares, its metric A; shadow:
+                     the silhouettes come closest to the mesh's; collision: the spheres hold the whole surface
+    tolerance        as few spheres as leave an error of at most this, instead of `spheres`: of 1 - silhouette IoU for
+                     shadow and collision, of the mean surface error / diagonal for others; None: `spheres`
+    levels           numbers of spheres, ascending, of sets of several finenesses, instead of `spheres`; the default is
+                     one
     """
 
-    method: Method = "lloyd"
     spheres: int = 100
-    tolerance: float | None = None
-    levels: tuple[int, ...] = ()
     samples: int = 100_000
     seed: int = 0
     radius: Radius = "mean"
     init: Init = "first"
     max_iterations: int = 1000
+    method: Method = "lloyd"
+    tolerance: float | None = None
+    levels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise UsageError where a value is out of its range."""
