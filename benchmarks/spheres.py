@@ -1,84 +1,306 @@
-"""Seconds to fit 100 spheres to 100,000 samples, beside scikit-learn's KMeans on the same samples from the same start.
+"""How near spheres come to a mesh, and how fast: every method, beside scikit-learn's KMeans and MorphIt.
 
-    python benchmarks/spheres.py [MESH ...]
+    python benchmarks/spheres.py [--peers PYTHON] [--only NAME ...] [--readme]
 
-Without arguments: the meshes of ../shared/meshes that are there, else a ball made here. Each time is the median of
-three. `fit` is all that is done after reading the mesh (samples, spheres, radii, quality), `lloyd` only what KMeans
-does too, to the same fixed point.
+Measures the meshes of ../shared/meshes that are there, or else a torus made here, in four parts:
+
+quality     silhouettes, surface error and seconds of each method, with 20 to 200 spheres
+kmeans      Lloyd's iteration beside scikit-learn's, on the same samples from the same start to the same fixed point
+scale       method shadow on the same mesh a thousand times as small and as large
+collision   share of fresh samples that the spheres of method collision hold, beside Lloyd's with --radius cover
+
+Seconds are of all that `fit` does after reading the mesh: samples, spheres and measuring them; of MorphIt, of its
+`pack`; of kmeans, the medians of three runs of the iteration alone. PYTHON has morphit-rs
+(benchmarks/requirements.txt). MorphIt's steps are in units of length: it gets each mesh at its own size and with a
+longest side of 0.2 and of 2, and the best of the three counts. A peer that is missing is a line that says so.
+
+--only takes names of parts, meshes, methods, numbers of spheres, or several with slashes between them, such as
+quality/bunny/100. Everything goes into benchmarks/results/spheres.json, in which such a run replaces only its own rows,
+and the tables (with --readme) between the marks in README.md.
 """
 
-import sys
+import argparse
+import json
+import os
+import platform
+import subprocess
+import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import TypeVar
 
 import numpy as np
-from sklearn.cluster import KMeans
+import trimesh
 
 from aoprecalc.files import load_scene
-from aoprecalc.model import Part, Scene
+from aoprecalc.model import Scene
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit
+from aoprecalc.spheres import fit, measure
+from aoprecalc.spheres.distance import signed_distances
 from aoprecalc.spheres.frame import Frame
 from aoprecalc.spheres.lloyd import lloyd
 from aoprecalc.spheres.sample import draw
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
-DEFAULTS = ("stanford-bunny.obj", "bigguy.obj")
-OPTIONS = SphereOptions()
-T = TypeVar("T")
+Row = dict[str, object]
 
+ROOT = Path(__file__).resolve().parents[1]
+MESHES = ROOT.parent / "shared" / "meshes"
+RESULTS = ROOT / "benchmarks" / "results" / "spheres.json"
+MARKS = "<!-- spheres: made by benchmarks/spheres.py -->", "<!-- end of spheres -->"
 
-def timed(work: Callable[[], T]) -> tuple[float, T]:
-    """Seconds, the median of three, and the last result."""
-    seconds = []
-    for _ in range(3):
-        start = perf_counter()
-        result = work()
-        seconds.append(perf_counter() - start)
-    return median(seconds), result
+# name, mesh, numbers of spheres
+CASES = [
+    ("bunny", "stanford-bunny.obj", (20, 64, 100, 200)),
+    ("bigguy", "bigguy.obj", (100,)),
+    ("ogre", "jerry_ogre/bs_rest.obj", (100,)),
+    ("fruit fly", "fruitfly_assembled_welded.ply", (100, 200)),
+]
+METHODS = ("lloyd", "algebraic", "shadow", "collision", "MorphIt-B")
+MEASURES = ("silhouette_iou", "silhouette_iou_min", "leak", "spill", "surface_error_mean")
+USUAL = 100  # spheres, where only one number of them is measured or told
+SCALES = (1.0, 1e-3, 1e3)
+SIZES = (None, 0.2, 2.0)  # longest sides at which MorphIt gets a mesh; None: its own
+FRESH, FRESH_SEED = 50_000, 12_345  # samples that no fit has seen
+NEAR = 0.001  # of the diagonal: a sample as near to a sphere is held
 
-
-def ball() -> Scene:
-    """A bumpy ball of 40,000 faces."""
-    rings, sectors = 100, 200
-    theta, phi = np.meshgrid(np.linspace(1e-3, np.pi - 1e-3, rings + 1), np.linspace(0, 2 * np.pi, sectors + 1))
-    radius = 1 + 0.2 * np.sin(5 * theta) * np.sin(4 * phi)
-    direction = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-    index = np.arange((rings + 1) * (sectors + 1)).reshape(sectors + 1, rings + 1)
-    a, b, c, d = (index[x : sectors + x, y : rings + y].ravel() for x, y in ((0, 0), (0, 1), (1, 1), (1, 0)))
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]).astype(np.int32)
-    positions = (radius[..., None] * direction).reshape(-1, 3)
-    return Scene(Path("bumpy ball"), "obj", positions, faces, None, None, (Part("ball", 0, len(faces), faces),))
-
-
-def compare(scene: Scene) -> None:
-    """Print one line about one mesh."""
-    count = OPTIONS.spheres
-    frame = Frame.around(scene.positions)
-    points = draw(scene, frame, OPTIONS.samples, count, np.random.default_rng(OPTIONS.seed))
-    start = points[:count]
-    theirs_at = KMeans(count, init=start, n_init=1, tol=0, max_iter=OPTIONS.max_iterations, algorithm="lloyd")
-
-    whole, _ = timed(lambda: fit(scene, OPTIONS, Progress()))
-    ours, clusters = timed(lambda: lloyd(points, start, OPTIONS.max_iterations, Progress()))
-    theirs, model = timed(lambda: theirs_at.fit(points))
-    inertia = (clusters.distances**2).sum()
-    print(
-        f"{scene.path.name:24} fit {whole:6.2f} s   lloyd {ours:6.2f} s   scikit-learn {theirs:6.2f} s   "
-        f"ratio {theirs / ours:5.2f}   iterations {clusters.iterations} and {model.n_iter_}   "
-        f"inertia differs by {abs(inertia / model.inertia_ - 1):.0e}"
-    )
+MORPHIT = """
+import json, sys, time
+import morphit_rs, numpy
+given = numpy.load(sys.argv[1])
+mesh = morphit_rs.Mesh.from_arrays(given["positions"], given["faces"])
+config = morphit_rs.Config.preset("MorphIt-B", num_spheres=int(sys.argv[2]), seed=0)
+start = time.perf_counter()
+found = morphit_rs.pack(mesh, config)
+seconds = time.perf_counter() - start
+print(json.dumps({"seconds": seconds, "centers": found.centers.tolist(), "radii": found.radii.tolist()}))
+"""
 
 
 def main() -> None:
-    """Compare on the meshes named, or on the default ones."""
-    paths = [Path(name) for name in sys.argv[1:]] or [MESHES / name for name in DEFAULTS if (MESHES / name).exists()]
-    for scene in map(load_scene, paths) if paths else [ball()]:
-        compare(scene)
+    """Measure what is asked for, print a line each, and write results and tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--peers", metavar="PYTHON", help="an interpreter that has morphit-rs")
+    parser.add_argument(
+        "--only", nargs="+", default=(), metavar="NAME", help="parts, meshes, methods, or part/mesh/..."
+    )
+    parser.add_argument("--readme", action="store_true", help="write the tables into README.md")
+    given = parser.parse_args()
+    scenes: dict[str, Scene] = {}
+    for key, name, path, work in plan(given.peers):
+        if given.only and not any(set(only.split("/")) <= set(key.split("/")) for only in given.only):
+            continue
+        if name not in scenes:
+            scenes[name] = load_scene(path) if path else torus()
+        try:
+            row = {"key": key, "mesh": name, "triangles": len(scenes[name].faces)} | work(scenes[name])
+        except PeerMissing as missing:
+            print(f"{key}: {missing}")
+            continue
+        write(row)
+        numbers = "  ".join(f"{what} {value:.4g}" for what, value in row.items() if isinstance(value, float))
+        print(f"{key:32} {numbers}", flush=True)
+    lines = tables(json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else [])
+    print("\n".join(["", *lines]))
+    if given.readme:
+        readme = ROOT / "README.md"
+        before, _, rest = readme.read_text().partition(MARKS[0])
+        text = "\n".join(lines)
+        readme.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{rest.partition(MARKS[1])[2]}")
+
+
+class PeerMissing(Exception):  # noqa: N818
+    """Another tool is not there, or failed; the message says which and why."""
+
+
+def plan(peers: str | None) -> list[tuple[str, str, Path | None, Callable[[Scene], Row]]]:
+    """Return a key, a mesh and its file (None: made here), and the work, for every row, in the order of the tables."""
+    there = [(name, MESHES / path, counts) for name, path, counts in CASES if (MESHES / path).exists()]
+    cases = there or [("torus", None, (USUAL,))]
+    rows: list[tuple[str, str, Path | None, Callable[[Scene], Row]]] = []
+    for name, path, counts in cases:
+        for count in counts:
+            for method in METHODS:
+                options = SphereOptions(spheres=count, method="lloyd" if method == "MorphIt-B" else method)
+
+                def work(scene: Scene, options: SphereOptions = options, method: str = method) -> Row:
+                    return morphit(scene, options, peers) if method == "MorphIt-B" else quality(scene, options)
+
+                rows.append((f"quality/{name}/{count}/{method}", name, path, work))
+    rows += [(f"kmeans/{name}", name, path, kmeans) for name, path, _ in cases]
+    for scale in SCALES:
+        name, path, _ = cases[0]
+        rows.append((f"scale/{name}/{scale:g}", name, path, lambda scene, scale=scale: scaled(scene, scale)))
+    rows += [(f"collision/{name}", name, path, collision) for name, path, _ in cases]
+    return rows
+
+
+def quality(scene: Scene, options: SphereOptions) -> Row:
+    """Fit by one of our methods."""
+    start = perf_counter()
+    spheres, found = fit(scene, options, Progress())
+    seconds = perf_counter() - start
+    row: Row = {"spheres": options.spheres, "made": len(spheres), "method": options.method, "seconds": seconds}
+    return row | {what: found[what] for what in MEASURES}
+
+
+def morphit(scene: Scene, options: SphereOptions, peers: str | None) -> Row:
+    """Fit by MorphIt at several sizes of the mesh; the best silhouettes count."""
+    if not peers:
+        raise PeerMissing("no interpreter with morphit-rs was named")
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for size in SIZES:
+            scale = size / np.ptp(scene.positions, axis=0).max() if size else 1.0
+            path = Path(folder) / "mesh.npz"
+            np.savez(path, positions=scene.positions * scale, faces=scene.faces)
+            words = [peers, "-c", MORPHIT, str(path), str(options.spheres)]
+            try:
+                done = subprocess.run(words, capture_output=True, text=True)
+            except OSError as error:
+                raise PeerMissing(str(error)) from error
+            if done.returncode:
+                raise PeerMissing((done.stderr.strip().splitlines() or ["failed"])[-1])
+            told = json.loads(done.stdout.splitlines()[-1])
+            centers, radii = np.array(told["centers"]).reshape(-1, 3) / scale, np.array(told["radii"]) / scale
+            found = measure(scene, centers, radii, options, Progress())
+            row: Row = {"spheres": options.spheres, "made": len(radii), "method": "MorphIt-B"}
+            row |= {"longest_side": size, "seconds": told["seconds"]}
+            rows.append(row | {what: found[what] for what in MEASURES})
+    return max(rows, key=lambda row: row["silhouette_iou"])
+
+
+def kmeans(scene: Scene) -> Row:
+    """Run Lloyd's iteration and scikit-learn's in turn, three times each."""
+    try:
+        from sklearn.cluster import KMeans
+    except ModuleNotFoundError as error:
+        raise PeerMissing(f"scikit-learn: {error}") from error
+    options = SphereOptions(spheres=USUAL)
+    frame = Frame.around(scene.positions)
+    points = draw(scene, frame, options.samples, USUAL, np.random.default_rng(options.seed))
+    start, most = points[:USUAL], options.max_iterations
+    theirs_at = KMeans(USUAL, init=start, n_init=1, tol=0, max_iter=most, algorithm="lloyd")
+    seconds = []
+    for _ in range(3):
+        began = perf_counter()
+        ours = lloyd(points, start, most, Progress())
+        between = perf_counter()
+        theirs = theirs_at.fit(points)
+        seconds.append((between - began, perf_counter() - between))
+    our_seconds, their_seconds = (median(column) for column in zip(*seconds, strict=True))
+    inertia = float(np.square(ours.distances).sum())
+    row: Row = {"spheres": USUAL, "seconds": our_seconds, "their_seconds": their_seconds}
+    row |= {
+        "ratio": their_seconds / our_seconds,
+        "iterations": ours.iterations,
+        "their_iterations": int(theirs.n_iter_),
+    }
+    row |= {"their_iterations": int(theirs.n_iter_)}
+    apart = float(np.abs(theirs.cluster_centers_ - ours.centers).max())
+    return row | {"inertia": inertia, "their_inertia": float(theirs.inertia_), "centers_apart": apart}
+
+
+def scaled(scene: Scene, scale: float) -> Row:
+    """Fit by method shadow to a mesh `scale` times as large."""
+    larger = replace(scene, positions=scene.positions * scale)
+    return {"scale": scale} | quality(larger, SphereOptions(spheres=USUAL, method="shadow"))
+
+
+def collision(scene: Scene) -> Row:
+    """See what share of fresh samples the spheres hold, and what they spill, beside Lloyd's with radius cover."""
+    frame = Frame.around(scene.positions)
+    fresh = draw(scene, frame, FRESH, 1, np.random.default_rng(FRESH_SEED))
+    row: Row = {"spheres": USUAL}
+    for prefix, options in (
+        ("", SphereOptions(spheres=USUAL, method="collision")),
+        ("cover_", SphereOptions(spheres=USUAL, radius="cover")),
+    ):
+        spheres, found = fit(scene, options, Progress())
+        beyond = signed_distances(fresh, frame.enter(spheres.centers), spheres.radii / frame.scale)
+        row |= {f"{prefix}held": float((beyond <= NEAR * frame.diagonal).mean())}
+        row |= {f"{prefix}spill": found["spill"], f"{prefix}silhouette_iou": found["silhouette_iou"]}
+    return row
+
+
+def torus() -> Scene:
+    """Make a mesh where there is none to measure."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "torus.ply"
+        trimesh.creation.torus(1.0, 0.4, major_sections=96, minor_sections=48).export(path)
+        return load_scene(path)
+
+
+def write(row: Row) -> None:
+    """Put a row in the place of the old one, in the order of the plan."""
+    rows = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
+    rows = [old for old in rows if old["key"] != row["key"]] + [row]
+    order = {key: place for place, (key, *_) in enumerate(plan(None))}
+    rows.sort(key=lambda each: order.get(each["key"], len(order)))
+    machine = {"machine": platform.platform(), "cores": os.cpu_count()}
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(machine | {"rows": rows}, indent=2) + "\n")
+
+
+def tables(rows: list[Row]) -> list[str]:
+    """Lay the rows out in Markdown: quality, silhouettes by number of spheres, Lloyd's speed, what collision holds."""
+    parts = {part: [row for row in rows if row["key"].split("/")[0] == part] for part in ("quality", "kmeans")}
+    parts["collision"] = [row for row in rows if row["key"].startswith("collision/")]
+    return [*qualities(parts["quality"]), "", *by_number(parts["quality"]), "", *speeds(parts["kmeans"]), ""] + holds(
+        parts["collision"]
+    )
+
+
+def qualities(rows: list[Row]) -> list[str]:
+    """Lay out all measures at the usual number of spheres."""
+    lines = ["| mesh | 100 spheres by | seconds | silhouette IoU | worst view | leak | spill | surface error |"]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    for row in rows:
+        if row["spheres"] != USUAL:
+            continue
+        tool = row["method"] if row["made"] == USUAL else f"{row['method']} ({row['made']} spheres)"
+        numbers = " | ".join(f"{row[what]:.3f}" for what in MEASURES[:-1])
+        lines.append(f"| {row['mesh']} | {tool} | {row['seconds']:.1f} | {numbers} | {row['surface_error_mean']:.4f} |")
+    return lines
+
+
+def by_number(rows: list[Row]) -> list[str]:
+    """Lay out the silhouettes of each method for meshes and numbers of spheres."""
+    lines = [f"| silhouette IoU of | spheres | {' | '.join(METHODS)} |", "|---|---|" + "---|" * len(METHODS)]
+    found = {(row["mesh"], row["spheres"], row["method"]): f"{row['silhouette_iou']:.3f}" for row in rows}
+    for mesh, count in dict.fromkeys((row["mesh"], row["spheres"]) for row in rows):
+        cells = " | ".join(found.get((mesh, count, method), "") for method in METHODS)
+        lines.append(f"| {mesh} | {count} | {cells} |")
+    return lines
+
+
+def speeds(rows: list[Row]) -> list[str]:
+    """Lay out Lloyd's iteration beside scikit-learn's."""
+    lines = ["| Lloyd's iteration | iterations | seconds | scikit-learn | times faster | inertia apart |"]
+    lines.append("|---|---|---|---|---|---|")
+    for row in rows:
+        iterations, apart = row["iterations"], abs(row["inertia"] / row["their_inertia"] - 1)
+        if row["their_iterations"] != iterations:
+            iterations = f"{iterations}, {row['their_iterations']}"
+        lines.append(
+            f"| {row['mesh']} | {iterations} | {row['seconds']:.2f} | {row['their_seconds']:.2f} | "
+            f"{row['ratio']:.1f} | {apart:.0e} |"
+        )
+    return lines
+
+
+def holds(rows: list[Row]) -> list[str]:
+    """Lay out what collision spheres hold, and spill, beside Lloyd's with radius cover."""
+    lines = [
+        "| fresh samples held | collision | lloyd, cover | spill: collision | lloyd, cover |",
+        "|---|---|---|---|---|",
+    ]
+    for row in rows:
+        held = " | ".join(f"{100 * row[what]:.2f}%" for what in ("held", "cover_held"))
+        lines.append(f"| {row['mesh']} | {held} | {row['spill']:.3f} | {row['cover_spill']:.3f} |")
+    return lines
 
 
 if __name__ == "__main__":

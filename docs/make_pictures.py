@@ -1,10 +1,12 @@
-"""Makes the README's pictures, borders.png and sides.png, of small meshes that are built and baked here.
+"""Makes the README's pictures.
 
-    python docs/make_pictures.py
+    python docs/make_pictures.py [NAME ...]
 
-writes them to docs/pictures. Needs Pillow.
+writes borders.png and sides.png, of small meshes that are built and baked here, and spheres.png, of two of
+../shared/meshes, or those of them that are named, to docs/pictures. Needs Pillow.
 """
 
+import sys
 from pathlib import Path
 
 import moderngl
@@ -12,13 +14,18 @@ import numpy as np
 from picture_meshes import HALF_BOX, SIZE, cup, in_a_box, inside_out, leaning_wall, plant
 from PIL import Image, ImageDraw, ImageFont
 
-from aoprecalc import BakeOptions
+from aoprecalc import BakeOptions, SphereOptions
+from aoprecalc.files import load_scene
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.model import Baked, Scene
+from aoprecalc.pictures import spheres_panels
+from aoprecalc.progress import Progress
 from aoprecalc.recipes.baking import bake_scene
+from aoprecalc.spheres import fit
 from aoprecalc.texspace.layout import lay_out
 
 HERE = Path(__file__).parent
+MESHES = HERE.resolve().parents[1] / "shared" / "meshes"
 SHADERS = {f"{stage}_shader": (HERE / f"shaders/{stage}.glsl").read_text("utf-8") for stage in ("vertex", "fragment")}
 PAPER, INK, SOFT, OUTLINE = (247, 247, 245), (38, 42, 48), (104, 110, 118), (222, 40, 60)
 
@@ -27,6 +34,8 @@ LOOKED_UP, PADDED = (240, 130, 40), (70, 130, 230)
 CELL, FINER = 290, 4  # pixels of a cell of sides.png, and how many times as many are rendered each way
 TOWARDS = np.array([0.34, -0.76, 0.56]) / np.linalg.norm([0.34, -0.76, 0.56])  # from the scene to the camera
 FLAT = {-1: (0.70, 0.30, 0.17), -2: (0.86, 0.46, 0.30), -3: (0.52, 0.21, 0.12), -4: (0.62, 0.67, 0.73)}  # linear
+STOOD_IN = [("bigguy.obj", "y"), ("fruitfly_assembled_welded.ply", "z")]  # meshes of spheres.png, and what is up there
+PANEL = (420, 340)  # pixels of one of its cells
 
 
 def write(picture: Image.Image, place: tuple[int, int], text: str, size: int = 16, color: tuple = INK) -> None:
@@ -137,11 +146,33 @@ def sides() -> Image.Image:
     return picture
 
 
+def spheres() -> Image.Image | None:
+    """Draw figure 1.5 of the source anew: meshes, and 100 spheres fitted to 100,000 samples by two methods."""
+    rows = []
+    for name, up in STOOD_IN:
+        if not (MESHES / name).exists():
+            print(f"spheres.png: without {name}, which is not in {MESHES}")
+            continue
+        scene = load_scene(MESHES / name)
+        fitted = [fit(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
+        panels = spheres_panels(scene, [(one.centers, one.radii) for one in fitted], PANEL, up)
+        rows.append(np.concatenate(panels, axis=1))
+    if not rows:
+        return None
+    cells, head = Image.fromarray(np.concatenate(rows)), 40
+    picture = Image.new("RGB", (cells.width, cells.height + head), PAPER)
+    picture.paste(cells, (0, head))
+    for column, title in enumerate(("mesh", "--method lloyd, 100 spheres", "--method shadow, 100 spheres")):
+        write(picture, (column * PANEL[0] + 20, 14), title)
+    return picture
+
+
 def main() -> None:
-    """Write both pictures."""
+    """Write the pictures."""
     (HERE / "pictures").mkdir(exist_ok=True)
-    borders().save(HERE / "pictures/borders.png", optimize=True)
-    sides().save(HERE / "pictures/sides.png", optimize=True)
+    for make in (borders, sides, spheres):
+        if (not sys.argv[1:] or make.__name__ in sys.argv[1:]) and (picture := make()):
+            picture.save(HERE / f"pictures/{make.__name__}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ ROOT = Path(aoprecalc.__file__).parent
 FLOORS = [
     ["cli"],
     ["recipes"],
-    ["files"],
+    ["files", "pictures"],
     ["occlusion", "spheres", "measure"],
     ["atlas"],
     ["texspace"],
@@ -24,7 +24,7 @@ FLOORS = [
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "__init__"]
-NO_GL = ["spheres", "measure", "files", "surface", "model"]
+NO_GL = ["spheres", "measure", "files", "pictures", "surface", "model"]
 MODULES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
 
 
