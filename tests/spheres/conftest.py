@@ -1,4 +1,4 @@
-"""Meshes made in code, and a listener for progress."""
+"""Meshes made in code, points on them, and a listener for progress."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import shapes
 from aoprecalc.model import Doubles, Ints, Part, Scene
 from aoprecalc.progress import Progress
 
@@ -64,3 +65,26 @@ class Listener(Progress):
 @pytest.fixture
 def listener() -> Listener:
     return Listener()
+
+
+@pytest.fixture(scope="session")
+def capsule() -> Scene:
+    """A capsule along z, of radius 0.6 and with 1.8 between the middles of its ends, which are round."""
+    turn = np.linspace(0, np.pi / 2, 9)
+    ring, height = 0.6 * np.sin(turn), 0.6 * np.cos(turn)
+    return shapes.scene(*shapes.spun(np.concatenate([np.c_[ring, -height - 0.9], np.c_[ring, height + 0.9][::-1]])))
+
+
+@pytest.fixture(scope="session")
+def surface_points() -> Callable[[Scene, int, int], Doubles]:
+    """Draw points uniformly on a scene's surface, otherwise than the fits do: (count, 3), by (scene, count, seed)."""
+
+    def draw(scene: Scene, count: int, seed: int) -> Doubles:
+        random = np.random.default_rng(seed)
+        a, b, c = scene.corners.transpose(1, 0, 2)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        face = random.choice(len(areas), count, p=areas / areas.sum())
+        weights = random.dirichlet(np.ones(3), count)
+        return np.einsum("kc,kcx->kx", weights, scene.corners[face])
+
+    return draw

@@ -72,10 +72,9 @@ def spheres(mesh: str, **given: Any) -> None:
     count = f"{len(found)} sphere{'s' if len(found) > 1 else ''}"
     click.echo(f"{result.path}  {count}, {state} after {found.iterations} iterations")
     quality = result.quality
-    click.echo(
-        f"silhouettes {quality['silhouette_iou']:.3f} alike, {quality['leak']:.3f} missing, "
-        f"{quality['spill']:.3f} beside; surface error {quality['surface_error_mean']:.4f} of the diagonal"
-    )
+    parts = f", {quality['leak']:.3f} missing, {quality['spill']:.3f} beside" if "leak" in quality else ""
+    error = quality["surface_error_mean"]
+    click.echo(f"silhouettes {quality['silhouette_iou']:.3f} alike{parts}; surface error {error:.4f} of the diagonal")
 
 
 def _table(quality: dict[str, float]) -> str:

@@ -56,8 +56,9 @@ def collision(
         pull = _pull(some, descent.centers, descent.radii, target.seen.scale, strength)
         descent.step(0.5 * (1 - share) + 0.03, pull)
         progress.advance()
-    radii = _grown(small, held[small.size // 3 :], descent.centers, descent.radii)
-    return Fitted(descent.centers, radii, begun.iterations + _STEPS, converged=True)
+    centers, radii = _employed(small, descent.centers, descent.radii)
+    radii = _grown(small, held[small.size // 3 :], centers, radii)
+    return Fitted(centers, radii, begun.iterations + _STEPS, converged=True)
 
 
 def _pull(points: Doubles, centers: Doubles, radii: Doubles, scale: float, strength: float) -> Doubles:
@@ -69,6 +70,22 @@ def _pull(points: Doubles, centers: Doubles, radii: Doubles, scale: float, stren
     weight = -strength * np.clip(beyond, 0.0, _STRONGEST)
     slope = [np.bincount(own, weight * side / np.maximum(away, 1e-12), len(radii)) for side in aside.T]
     return np.column_stack([*slope, np.bincount(own, weight, len(radii))])
+
+
+def _employed(small: Doubles, centers: Doubles, radii: Doubles) -> tuple[Doubles, Doubles]:
+    """Move each sphere to which no piece would be given to where another would have to grow most."""
+    centers, radii = centers.copy(), radii.copy()
+    middles = small.mean(axis=1)
+    for _ in range(len(radii)):
+        own = _nearest(middles, centers, radii)
+        idle = np.flatnonzero(np.bincount(own, minlength=len(radii)) == 0)
+        if not len(idle):
+            break
+        beyond = np.linalg.norm(middles - centers[own], axis=1) - radii[own]
+        worst = int(np.argmax(beyond))
+        # As large as what is beyond the other sphere, but at least as a piece.
+        centers[idle[0]], radii[idle[0]] = middles[worst], max(float(beyond[worst]), _PIECE)
+    return centers, radii
 
 
 def _grown(small: Doubles, inside: Doubles, centers: Doubles, radii: Doubles) -> Doubles:

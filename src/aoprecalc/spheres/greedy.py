@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles, Floats
-from aoprecalc.spheres.silhouettes import Views, counted, disc_runs
+from aoprecalc.spheres.silhouettes import Views, counted, disc_runs, run_sums
 
 _HALF = (
     0.8  # of a disc's radius: half the side of the square that stands for it, between the inscribed and the equal one
@@ -22,13 +22,17 @@ def choose(centers: Doubles, radii: Doubles, worth: Floats, seen: Views, count: 
     sizes = radii * seen.scale
     corners = _squares(columns, rows, sizes, seen.size)
     chosen: list[int] = []
-    while len(chosen) < count:
-        gains = _sums(worth, corners)
+    left = np.ones(len(radii), bool)
+    while len(chosen) < count and left.any():
+        gains = np.where(left, _sums(worth, corners), -np.inf)
         best = int(np.argmax(gains))
         if gains[best] <= 0:
             break
-        chosen.append(best)
+        left[best] = False
         runs = disc_runs(columns[:, best : best + 1], rows[:, best : best + 1], sizes[best : best + 1], seen.size)
+        if run_sums(runs, worth, len(seen)).sum() <= 0:
+            continue  # its squares gain at their corners, its discs nothing
+        chosen.append(best)
         worth[counted(runs, len(seen), seen.size) > 0] = 0
     return np.array(chosen, np.intp)
 

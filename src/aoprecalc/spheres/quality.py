@@ -61,7 +61,7 @@ def silhouette_quality(scene: Scene, positions: Doubles, centers: Doubles, radii
     spill                area of S without M / area of M: shadow where there is none
     area_bias            area of S / area of M - 1
     The picture shows all spheres: those far from the mesh make both small in it. Views in which the mesh covers no
-    pixel do not count; without any other the likeness is 0.
+    pixel do not count; without any other the likeness is 0, and what is over the area of M is left out.
     """
     half = _WINDOW * float(np.linalg.norm(positions, axis=1).max())
     half = max(half, float((np.abs(centers).max(axis=1) + radii).max()))
@@ -71,7 +71,7 @@ def silhouette_quality(scene: Scene, positions: Doubles, centers: Doubles, radii
     area = mesh.sum(axis=(1, 2))
     some = area > 0
     if not some.any():
-        return {"silhouette_iou": 0.0, "silhouette_iou_min": 0.0, "leak": 0.0, "spill": 0.0, "area_bias": 0.0}
+        return {"silhouette_iou": 0.0, "silhouette_iou_min": 0.0}
     mesh, spheres, area = mesh[some], spheres[some], area[some]
     common, covered = (mesh & spheres).sum(axis=(1, 2)), spheres.sum(axis=(1, 2))
     likeness = common / (area + covered - common)
@@ -102,6 +102,6 @@ def volume_quality(scene: Scene, positions: Doubles, centers: Doubles, radii: Do
         inside = inside_mesh(positions, scene.faces, grid)
         volume = np.count_nonzero(inside)
         if volume:
-            found["inside_volume"] = np.count_nonzero(inside & held) / volume
-            found["outside_volume"] = np.count_nonzero(held & ~inside) / volume
+            found["inside_volume"] = float(np.count_nonzero(inside & held) / volume)
+            found["outside_volume"] = float(np.count_nonzero(held & ~inside) / volume)
     return found

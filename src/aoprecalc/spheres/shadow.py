@@ -59,7 +59,7 @@ class Target:
         covered = sphere_counts(centers, radii, self.seen) > 0
         union = (covered | self.wanted).sum(axis=(1, 2))
         both = (covered & self.wanted).sum(axis=(1, 2))
-        return float((both[union > 0] / union[union > 0]).mean())
+        return float((both / np.maximum(union, 1)).sum() / max(1, np.count_nonzero(union)))
 
     def missed(self, centers: Doubles, radii: Doubles) -> Doubles:
         """Return how many pixels fewer would be right without each sphere, (n,) float64; negative where more would."""
