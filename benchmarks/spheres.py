@@ -39,9 +39,9 @@ from aoprecalc.model import Scene
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit, measure
-from aoprecalc.spheres.distance import signed_distances
+from aoprecalc.spheres.clusters.lloyd import lloyd
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.lloyd import lloyd
+from aoprecalc.spheres.likeness.distance import signed_distances
 from aoprecalc.spheres.sample import draw
 
 Row = dict[str, object]

@@ -6,9 +6,9 @@ from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.lloyd import lloyd
+from aoprecalc.spheres.clusters.lloyd import lloyd
+from aoprecalc.spheres.clusters.starts import starts
 from aoprecalc.spheres.sample import on_grid
-from aoprecalc.spheres.starts import starts
 
 
 def made(shape, count, seed):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.silhouettes import (
+from aoprecalc.spheres.likeness.silhouettes import (
     Views,
     counted,
     disc_runs,

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from aoprecalc.model import Doubles, Floats, Ints, Mask
 from aoprecalc.pictures.camera import Camera
-from aoprecalc.spheres.silhouettes import Views, mesh_silhouettes, sphere_counts
+from aoprecalc.spheres.likeness.silhouettes import Views, mesh_silhouettes, sphere_counts
 from aoprecalc.surface.directions import GOLDEN
 from aoprecalc.surface.frames import perpendiculars
 

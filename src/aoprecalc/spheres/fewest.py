@@ -7,10 +7,10 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.model import Doubles, Scene
 from aoprecalc.options import Method
-from aoprecalc.spheres.distance import signed_distances
 from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.quality import silhouette_quality
+from aoprecalc.spheres.likeness.distance import signed_distances
+from aoprecalc.spheres.likeness.quality import silhouette_quality
 
 MOST = 4096
 

@@ -11,8 +11,8 @@ from aoprecalc.spheres.fewest import fewest
 from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.frame import Frame
 from aoprecalc.spheres.levels import parents
+from aoprecalc.spheres.likeness.quality import Quality, quality
 from aoprecalc.spheres.methods import fitted
-from aoprecalc.spheres.quality import Quality, quality
 from aoprecalc.spheres.sample import draw
 
 _BY_CLUSTERS = ("lloyd", "algebraic")  # methods to which options.radius and options.init apply

@@ -5,14 +5,14 @@ import numpy as np
 from aoprecalc.model import Doubles, Scene
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.algebraic import algebraic
-from aoprecalc.spheres.collision import collision
+from aoprecalc.spheres.clusters.algebraic import algebraic
+from aoprecalc.spheres.clusters.lloyd import Clusters, lloyd
+from aoprecalc.spheres.clusters.radius import radii
+from aoprecalc.spheres.clusters.starts import starts
+from aoprecalc.spheres.descent.collision import collision
+from aoprecalc.spheres.descent.shadow import shadow
 from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.lloyd import Clusters, lloyd
-from aoprecalc.spheres.radius import radii
-from aoprecalc.spheres.shadow import shadow
-from aoprecalc.spheres.starts import starts
 
 
 def fitted(

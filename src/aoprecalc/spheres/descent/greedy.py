@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles, Floats
-from aoprecalc.spheres.silhouettes import Views, counted, disc_runs, run_sums
+from aoprecalc.spheres.likeness.silhouettes import Views, counted, disc_runs, run_sums
 
 _HALF = (
     0.8  # of a disc's radius: half the side of the square that stands for it, between the inscribed and the equal one

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.model import Doubles, Mask
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.pairing import Indices, nearest_two
+from aoprecalc.spheres.clusters.pairing import Indices, nearest_two
 
 _LARGEST = 3**0.5  # a radius beyond that of the sphere around the box [-1, 1]^3 has run away
 _FLAT = 1e-9  # a cluster is flat if its thickness / width, squared, is below: well above what float32 files round

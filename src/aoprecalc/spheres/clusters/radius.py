@@ -4,8 +4,8 @@ import numpy as np
 
 from aoprecalc.model import Doubles
 from aoprecalc.options import Radius
-from aoprecalc.spheres.lloyd import Clusters
-from aoprecalc.spheres.pairing import greatest
+from aoprecalc.spheres.clusters.lloyd import Clusters
+from aoprecalc.spheres.clusters.pairing import greatest
 
 
 def radii(clusters: Clusters, rule: Radius) -> Doubles:

@@ -11,7 +11,7 @@ import numpy as np
 
 from aoprecalc.model import Doubles
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.pairing import Indices, Pairing
+from aoprecalc.spheres.clusters.pairing import Indices, Pairing
 
 
 @dataclass(frozen=True, eq=False)

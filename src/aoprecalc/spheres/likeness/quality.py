@@ -4,10 +4,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aoprecalc.model import Doubles, Scene
-from aoprecalc.spheres.distance import signed_distances
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
-from aoprecalc.spheres.solid import Grid, inside_mesh, sphere_layers
+from aoprecalc.spheres.likeness.distance import signed_distances
+from aoprecalc.spheres.likeness.silhouettes import mesh_silhouettes, sphere_counts, views
+from aoprecalc.spheres.likeness.solid import Grid, inside_mesh, sphere_layers
 from aoprecalc.surface.topology import topology
 
 Quality = dict[str, float]

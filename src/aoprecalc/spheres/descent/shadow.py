@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.progress import Progress
+from aoprecalc.spheres.descent.greedy import choose
+from aoprecalc.spheres.descent.medial import medial_balls
+from aoprecalc.spheres.descent.refine import Descent
 from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.greedy import choose
-from aoprecalc.spheres.medial import medial_balls
-from aoprecalc.spheres.refine import Descent
+from aoprecalc.spheres.likeness.silhouettes import Views, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
 from aoprecalc.spheres.sample import draw_with_normals
-from aoprecalc.spheres.silhouettes import Views, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
 from aoprecalc.surface.directions import GOLDEN
 
 # Chosen on bunny, bigguy, ogre and fruit fly by what they cost and bring.

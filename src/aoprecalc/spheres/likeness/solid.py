@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.model import Doubles, Ints, Mask
-from aoprecalc.spheres.silhouettes import disc_runs
+from aoprecalc.spheres.likeness.silhouettes import disc_runs
 from aoprecalc.texspace.samples import CENTER
 from aoprecalc.texspace.spans import counted_out, snap, triangle_spans
 

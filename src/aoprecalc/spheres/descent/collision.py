@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.model import Doubles, Scene
 from aoprecalc.progress import Progress
+from aoprecalc.spheres.clusters.pairing import Indices
+from aoprecalc.spheres.descent.pieces import pieces
+from aoprecalc.spheres.descent.refine import Descent
+from aoprecalc.spheres.descent.shadow import BATCH, Target, shadow
 from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.pairing import Indices
-from aoprecalc.spheres.pieces import pieces
-from aoprecalc.spheres.refine import Descent
-from aoprecalc.spheres.shadow import BATCH, Target, shadow
-from aoprecalc.spheres.solid import Grid, inside_mesh
+from aoprecalc.spheres.likeness.solid import Grid, inside_mesh
 from aoprecalc.surface.topology import topology
 
 # Chosen on bunny, bigguy, ogre and fruit fly.

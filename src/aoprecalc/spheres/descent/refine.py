@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from aoprecalc.model import Doubles, Floats, Mask
-from aoprecalc.spheres.silhouettes import Views, sphere_counts
+from aoprecalc.spheres.likeness.silhouettes import Views, sphere_counts
 from aoprecalc.surface.directions import GOLDEN
 
 _BLUR = 0.7  # pixels: the step at a silhouette's edge becomes a slope, in which outlines come to rest

@@ -1,0 +1,1 @@
+"""Methods of the source: samples in clusters, each with a sphere; their starts and their radii."""

@@ -1,0 +1,1 @@
+"""How alike spheres and a mesh are: silhouettes, distances, volumes."""
