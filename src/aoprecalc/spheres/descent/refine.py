@@ -18,6 +18,7 @@ from aoprecalc.surface.directions import GOLDEN
 _BLUR = 0.7  # pixels: the step at a silhouette's edge becomes a slope, in which outlines come to rest
 _SPOTS = 3200  # on the outlines of all spheres in one view
 _FEWEST, _MOST = 12, 160  # on one
+_HELD = 1 << 22  # in all views of a step: bounds memory
 _KEEP, _KEEP_SQUARE, _TINY = 0.8, 0.95, 1e-12  # of the descent
 
 
@@ -25,9 +26,13 @@ class Descent:
     """Spheres on their way: centres (n, 3) and radii (n,) float64."""
 
     def __init__(self, centers: Doubles, radii: Doubles, wanted: Mask, seen: Views, batch: int) -> None:
-        """Take the mesh's silhouettes, (d, size, size), in the views `seen`; each step looks at `batch` of them."""
+        """Take the mesh's silhouettes, (d, size, size), in the views `seen`.
+
+        batch   how many of them a step looks at; fewer if there are very many spheres
+        """
         self.centers, self.radii = centers.copy(), radii.copy()
-        self._seen, self._batch = seen, min(batch, len(seen))
+        self._spots = int(np.clip(_SPOTS // len(radii), _FEWEST, _MOST))
+        self._seen, self._batch = seen, max(1, min(batch, len(seen), _HELD // (self._spots * len(radii))))
         # +1 outside the silhouettes, -1 inside, with a border for what leaves the picture.
         signs = np.pad(np.where(wanted, -1.0, 1.0).astype(np.float32), ((0, 0), (1, 1), (1, 1)), constant_values=1.0)
         self._signs: Floats = ndimage.gaussian_filter(signs, (0, _BLUR, _BLUR), mode="nearest")
@@ -61,7 +66,7 @@ class Descent:
         counts = sphere_counts(self.centers, self.radii, seen)
         counts = np.pad(counts, ((0, 0), (1, 1), (1, 1)))
 
-        spots = int(np.clip(_SPOTS // len(radii), _FEWEST, _MOST))
+        spots = self._spots
         angles = 2 * np.pi * (np.arange(spots) + self._steps * GOLDEN % 1.0) / spots
         along, up = np.cos(angles), np.sin(angles)
         x = columns[..., None] + along * radii[:, None]  # (d, n, spots)
