@@ -294,7 +294,7 @@ def speeds(rows: list[Row]) -> list[str]:
 def holds(rows: list[Row]) -> list[str]:
     """Lay out what collision spheres hold, and spill, beside Lloyd's with radius cover."""
     lines = [
-        "| fresh samples held | collision | lloyd, cover | spill: collision | lloyd, cover |",
+        "| fresh samples held to 0.1% of the diagonal | collision | lloyd, cover | spill: collision | lloyd, cover |",
         "|---|---|---|---|---|",
     ]
     for row in rows:

@@ -151,7 +151,7 @@ class SphereSet:
     centers      (n, 3) float64, in the mesh's coordinates
     radii        (n,) float64, in the mesh's units
     iterations   how many times every sample was given to its best sphere
-    converged    the last iteration changed no sample's sphere
+    converged    the last iteration changed no sample's sphere; true of shadow and collision, which take a fixed way
     method       how the spheres were fitted: lloyd, algebraic, shadow or collision
     radius_rule  how the radii were chosen: mean, uniform or cover; own for the methods that have their own
     samples      how many surface samples were used

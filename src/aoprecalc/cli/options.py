@@ -53,7 +53,7 @@ def size(text: str) -> tuple[int, int]:
 
 def levels(text: str) -> tuple[int, ...]:
     """Read numbers of spheres, such as 8,32,128."""
-    if not re.fullmatch(r"\d{1,9}(,\d{1,9})*", text.replace(" ", "")):
+    if not re.fullmatch(r"\s*\d{1,9}\s*(,\s*\d{1,9}\s*)*", text):
         raise click.BadParameter(f"{text!r} are no numbers of spheres; expected some such as 8,32,128")
     return tuple(int(number) for number in text.split(","))
 

@@ -56,21 +56,25 @@ def spheres(mesh: str, **given: Any) -> None:
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     output, as_json, measured = given.pop("output"), given.pop("as_json"), given.pop("measure")
-    options = SphereOptions(**given | {"levels": given["levels"] or ()})
     if measured is not None:
         if output is not None:
             raise UsageError("--measure writes no spheres, but --output was given; omit one of them")
+        options = SphereOptions(1, samples=given["samples"], seed=given["seed"])
         found_quality = recipes.measure_spheres(mesh, measured, options=options, progress=console)
         click.echo(found_quality.document if as_json else _table(found_quality.quality), nl=False)
         return
+    options = SphereOptions(**given | {"levels": given["levels"] or ()})
     result = recipes.fit_spheres(mesh, output, options=options, progress=console)
     if as_json:
         click.echo(result.document, nl=False)
         return
     found = result.spheres
     state = "converged" if found.converged else "not converged"
+    way = f"{state} after {found.iterations} iterations"
+    if found.radius_rule == "own":
+        way = f"after {found.iterations} steps"
     count = f"{len(found)} sphere{'s' if len(found) > 1 else ''}"
-    click.echo(f"{result.path}  {count}, {state} after {found.iterations} iterations")
+    click.echo(f"{result.path}  {count}, {way}")
     quality = result.quality
     parts = f", {quality['leak']:.3f} missing, {quality['spill']:.3f} beside" if "leak" in quality else ""
     error = quality["surface_error_mean"]

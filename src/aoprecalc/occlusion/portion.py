@@ -1,6 +1,6 @@
 """How many texels are looked at at a time, which bounds memory; the result is the same, maps are drawn more often."""
 
-import resource
+import os
 import sys
 from pathlib import Path
 
@@ -15,21 +15,24 @@ _OF_COVERED = 24  # a texel that the surface covers: its index and the sums of b
 _OF_HELD = 60  # a texel of the portion: its sample, its receiver, its sums
 _OF_SOLVING = 76  # a texel of the picture, while the fit is solved and nothing is looked at
 _OF_HELD_BEFORE = 16  # a texel of the portion, then: what the system was not given back
-_REST = 80 << 20  # maps, and what the renderer compiles and keeps
+_OF_TRIANGLE = 400  # while occluders are sorted and uploaded
+_OF_MAPS = 1 << 26  # what a batch of maps takes, unless a single axis takes more
+_REST = 80 << 20  # that, and what the renderer compiles and keeps
 
 
-def portion(limit: int | None, size: str, picture: int, covered: int) -> int:
+def portion(limit: int | None, size: str, picture: int, covered: int, maps: int, triangles: int) -> int:
     """Return the most texels that can be looked at at a time within `limit` bytes of memory; None is no limit.
 
     It is a multiple of PART, or all that are covered.
     size      of the picture, as it is called in messages
     picture   how many texels it has, `covered` of them by the surface
+    maps      bytes of the near/far maps of one axis; triangles: of the mesh
     Raises UsageError where not even PART texels fit.
     """
     most = _MOST_PARTS * PART
     if limit is None:
         return min(most, covered)
-    present = _resident() + _REST
+    present = _resident() + _REST + max(0, maps - _OF_MAPS) + triangles * _OF_TRIANGLE
 
     def need(held: int) -> int:
         looking = picture * _OF_PICTURE + covered * _OF_COVERED + held * _OF_HELD
@@ -53,7 +56,9 @@ def runs(count: int, portion: int) -> list[slice]:
 def _resident() -> int:
     """Bytes of memory that this process holds; where the system does not say, the most that it has held."""
     try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
+        import resource
+
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         return most if sys.platform == "darwin" else most * 1024

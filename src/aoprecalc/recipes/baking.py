@@ -135,7 +135,14 @@ def bake_scene(
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
         overlap = sampler.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
-        most = portion(options.memory_limit, size, options.width * options.height, len(texels))
+        most = portion(
+            options.memory_limit,
+            size,
+            options.width * options.height,
+            len(texels),
+            maps=8 * shadow_size**2,
+            triangles=len(scene.faces),
+        )
         sides = [surface, surface.turned()] if options.two_sided else [surface]
 
         def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made

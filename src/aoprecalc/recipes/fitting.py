@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from aoprecalc.errors import UsageError
+import numpy as np
+
+from aoprecalc.errors import InputError, UsageError
 from aoprecalc.files import Outputs, load_scene, source_files
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.sphere_sets import (
@@ -84,7 +86,12 @@ def measure_spheres(
     centers, radii = read_spheres(Path(spheres))
     with progress.stage("load"):
         scene = load_scene(Path(mesh))
-    quality = measure(scene, centers, radii, options, progress)
+    with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
+        quality = measure(scene, centers, radii, options, progress)
     for line in scene.warnings:
         progress.warn(line)
+    if not np.isfinite(list(quality.values())).all():
+        raise InputError(
+            f"{spheres}: its spheres are so far from {mesh} that nothing can be measured; do they belong to it?"
+        )
     return MeasureResult(quality, quality_document(len(radii), quality))

@@ -50,10 +50,14 @@ def fit(scene: Scene, options: SphereOptions, progress: Progress) -> tuple[Spher
             made = attempt(count)
             finer = _sphere_set(made, frame, options)
             found = replace(finer, coarser=found, parents=parents(finer, found))
-    if not made.converged:
-        progress.warn(
-            f"{scene.path}: samples still change spheres after {made.iterations} iterations; allow more of them"
-        )
+    levels = [found]
+    while levels[-1].coarser is not None:
+        levels.append(levels[-1].coarser)
+    for level in levels:
+        if not level.converged:
+            progress.warn(
+                f"{scene.path}: samples still change spheres after {level.iterations} iterations; allow more of them"
+            )
     with progress.stage("quality"):
         measured = quality(scene, frame, points, made.centers, made.radii)
     return found, measured

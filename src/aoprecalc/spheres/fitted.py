@@ -12,7 +12,7 @@ class Fitted:
     centers      (n, 3) float64
     radii        (n,) float64 >= 0
     iterations   rounds of pairing, or steps of the descent
-    converged    the last iteration changed no sample's sphere, or the descent went all its way
+    converged    the last iteration changed no sample's sphere; a descent always goes all its way
     guarded      how often a guard decided instead of the least squares (algebraic only)
     """
 

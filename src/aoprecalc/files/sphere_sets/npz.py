@@ -37,7 +37,7 @@ def read_npz(path: Path) -> tuple[Doubles, Doubles]:
             arrays = archive["centers"], archive["radii"]
     except KeyError as error:
         raise InputError(f"{path}: lacks an array ({error.args[0]}), expected centers and radii") from error
-    except (ValueError, TypeError, EOFError, MemoryError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+    except (ValueError, TypeError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: is not a NumPy archive of centers and radii ({error}); write it anew") from error
     for array in arrays:
         if array.dtype.kind not in "iuf":

@@ -31,6 +31,7 @@ _SLACK, _STRONGEST = (
 _PIECE = 0.03  # longest side of a piece, in the frame
 _CUBES = 48  # along the longest side of the grid whose points inside the mesh are held
 _FEW = 256  # spheres that are all measured; measured: of 100 in a fifth of the time that a look-up takes
+_MOVES = 8  # times that spheres without pieces are moved
 _LISTED = 16  # centres that are looked up where there are more
 _BLOCK = 1 << 16  # values measured at a time: they stay in cache, and a product of so few starts no threads
 _ROUNDING = 1e-12  # in the frame, by which spheres are larger than what they hold
@@ -73,19 +74,26 @@ def _pull(points: Doubles, centers: Doubles, radii: Doubles, scale: float, stren
 
 
 def _employed(small: Doubles, centers: Doubles, radii: Doubles) -> tuple[Doubles, Doubles]:
-    """Move each sphere to which no piece would be given to where another would have to grow most."""
+    """Move each sphere to which no piece would be given to where others would have to grow most."""
     centers, radii = centers.copy(), radii.copy()
     middles = small.mean(axis=1)
-    for _ in range(len(radii)):
+    for _ in range(_MOVES):
         own = _nearest(middles, centers, radii)
         idle = np.flatnonzero(np.bincount(own, minlength=len(radii)) == 0)
         if not len(idle):
             break
         beyond = np.linalg.norm(middles - centers[own], axis=1) - radii[own]
-        worst = int(np.argmax(beyond))
+        worst = _one_each(own, np.argsort(-beyond, kind="stable"))[: len(idle)]
         # As large as what is beyond the other sphere, but at least as a piece.
-        centers[idle[0]], radii[idle[0]] = middles[worst], max(float(beyond[worst]), _PIECE)
+        idle = idle[: len(worst)]
+        centers[idle], radii[idle] = middles[worst], np.maximum(beyond[worst], _PIECE)
     return centers, radii
+
+
+def _one_each(own: Indices, order: Indices) -> Indices:
+    """The first piece of each sphere in an order of the pieces, in that order."""
+    first = np.unique(own[order], return_index=True)[1]
+    return order[np.sort(first)]
 
 
 def _grown(small: Doubles, inside: Doubles, centers: Doubles, radii: Doubles) -> Doubles:
@@ -94,7 +102,7 @@ def _grown(small: Doubles, inside: Doubles, centers: Doubles, radii: Doubles) ->
     own = _nearest(small.mean(axis=1), centers, radii)
     np.maximum.at(least, own, np.linalg.norm(small - centers[own][:, None], axis=2).max(axis=1))
     own = _nearest(inside, centers, radii)
-    # Those that a sphere holds already, any sphere, ask for nothing.
+    # Those that their sphere holds already ask for nothing.
     aside = np.linalg.norm(inside - centers[own], axis=1)
     out = aside > np.maximum(least, radii)[own]
     np.maximum.at(least, own[out], aside[out])

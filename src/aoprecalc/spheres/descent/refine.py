@@ -78,7 +78,8 @@ class Descent:
         )
         # Whether other discs cover the spot's pixel: all that do, but for the spot's own.
         own = (column - 0.5 - columns[..., None]) ** 2 + (row - 0.5 - rows[..., None]) ** 2 <= radii[:, None] ** 2
-        free = np.take(counts.ravel(), at) == own
+        outside = (x < 0) | (x >= seen.size) | (y < 0) | (y >= seen.size)
+        free = (np.take(counts.ravel(), at) == own) | outside
         push = np.where(free, np.take(self._signs[which].ravel(), at), 0)
         arc = 2 * np.pi * radii / spots
         sideways, upward, outward = (push @ along) * arc, (push @ up) * arc, push.sum(axis=2) * arc

@@ -124,7 +124,9 @@ def shadow(
         likeness = target.likeness(*tried)
         if likeness > best:
             (centers, radii), best = tried, likeness
-    centers, radii = descend((centers, radii), _REST, 0.3, 0.02)
+    settled = descend((centers, radii), _REST, 0.3, 0.02)
+    if target.likeness(*settled) > best:
+        centers, radii = settled
     return Fitted(centers, radii, steps + _REST, converged=True)
 
 

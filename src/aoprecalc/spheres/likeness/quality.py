@@ -64,7 +64,7 @@ def silhouette_quality(scene: Scene, positions: Doubles, centers: Doubles, radii
     pixel do not count; without any other the likeness is 0, and what is over the area of M is left out.
     """
     half = _WINDOW * float(np.linalg.norm(positions, axis=1).max())
-    half = max(half, float((np.abs(centers).max(axis=1) + radii).max()))
+    half = max(half, float((np.linalg.norm(centers, axis=1) + radii).max()))
     seen = views(_VIEWS, half, _PIXELS, _TURN)
     mesh = mesh_silhouettes(positions, scene.faces, seen)
     spheres = sphere_counts(centers, radii, seen) > 0

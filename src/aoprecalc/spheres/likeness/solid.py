@@ -9,6 +9,8 @@ from aoprecalc.spheres.likeness.silhouettes import disc_runs
 from aoprecalc.texspace.samples import CENTER
 from aoprecalc.texspace.spans import counted_out, snap, triangle_spans
 
+_ASTRAY = 0.01  # share of the columns that meet the mesh: more crossings that do not add up are no accident
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
@@ -34,7 +36,8 @@ def inside_mesh(positions: Doubles, faces: Ints, grid: Grid) -> Mask:
     """Return which points lie inside a closed mesh: those that it winds around. bool, of the grid's shape.
 
     (The winding number by the signed crossings of a ray; here of all rays of a column at once.) Either winding will do.
-    A column whose crossings do not add up, as beside an edge seen end-on, holds nothing.
+    A column whose crossings do not add up, as beside an edge seen end-on, holds nothing. Where that is so for many, the
+    winding is not one, and a point is inside if an odd number of surfaces lies below it.
     """
     across, upward, along = grid.shape
     corners = ((positions - grid.low) / grid.pitch)[faces]
@@ -54,7 +57,13 @@ def inside_mesh(positions: Doubles, faces: Ints, grid: Grid) -> Mask:
             np.add.at(winding, cell * (along + 1) + level, np.sign(normals[face, 2]).astype(np.int32))
     crossings = winding.reshape(upward, across, along + 1)
     upto = np.cumsum(crossings, axis=2)
-    inside: Mask = (upto[..., :along] != 0) & (upto[..., -1:] == 0)
+    met = crossings.any(axis=2)
+    astray = upto[..., -1] != 0
+    inside: Mask
+    if np.count_nonzero(astray) > _ASTRAY * np.count_nonzero(met):  # some faces are turned round: count surfaces
+        inside = (upto[..., :along] % 2 != 0) & (upto[..., -1:] % 2 == 0)
+    else:
+        inside = (upto[..., :along] != 0) & ~astray[..., None]
     return inside.transpose(1, 0, 2)
 
 
