@@ -41,7 +41,8 @@ class Views:
 
     def places(self, points: Doubles) -> tuple[Doubles, Doubles]:
         """Return the columns and the rows, (d, k) float64 each, in pixels, at which (k, 3) points are seen."""
-        return tuple(side @ points.T * self.scale + self.size / 2 for side in (self.across, self.upward))  # type: ignore[return-value]
+        columns, rows = (side @ points.T * self.scale + self.size / 2 for side in (self.across, self.upward))
+        return columns, rows
 
 
 def views(count: int, half: float, size: int, turn: float) -> Views:
