@@ -17,6 +17,7 @@ _OF_SOLVING = 76  # a texel of the picture, while the fit is solved and nothing 
 _OF_HELD_BEFORE = 16  # a texel of the portion, then: what the system was not given back
 _OF_TRIANGLE = 400  # while occluders are sorted and uploaded
 _OF_MAPS = 1 << 26  # what a batch of maps takes, unless a single axis takes more
+_DRIFT = 16  # megabytes by which what a process holds differs from one run to the next
 _REST = 80 << 20  # that, and what the renderer compiles and keeps
 
 
@@ -42,8 +43,9 @@ def portion(limit: int | None, size: str, picture: int, covered: int, maps: int,
     for held in range(most, 0, -PART):
         if need(min(held, covered)) <= limit:
             return min(held, covered)
+    enough = (need(min(PART, covered)) >> 20) + _DRIFT
     raise UsageError(
-        f"--memory-limit is {limit >> 20}M; {size} texels of this mesh need {-(-need(min(PART, covered)) >> 20)}M; "
+        f"--memory-limit is {limit >> 20}M; {size} texels of this mesh need {enough}M; "
         "use a higher limit or a smaller --size"
     )
 
