@@ -157,10 +157,11 @@ class SphereOptions:
             raise UsageError(f"--levels is {told}; expected ascending numbers of spheres such as 8,32,128")
         if self.levels and self.tolerance is not None:
             raise UsageError("--levels and --tolerance both say how many spheres; use one of them")
-        if self.method in ("shadow", "collision") and (self.radius, self.init) != ("mean", "first"):
-            raise UsageError(
-                f"--radius and --init are not for --method {self.method}, which chooses by itself; omit them"
-            )
+        if self.method in ("shadow", "collision"):
+            for field in fields(self):
+                if field.name in ("radius", "init", "max_iterations") and getattr(self, field.name) != field.default:
+                    name = field.name.replace("_", "-")
+                    raise UsageError(f"--{name} is not for --method {self.method}, which chooses by itself; omit it")
         most = 1 if self.tolerance is not None else max(self.levels, default=self.spheres)
         if most > self.samples:
             raise UsageError(

@@ -33,3 +33,12 @@ def test_a_sphere_at_the_end_of_float64_is_refused(measure):
     assert done.returncode == 4
     assert done.stderr.count("\n") == 1
     assert "so far from" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [("-n", "5"), ("--method", "shadow"), ("-o", "x.json"), ("--levels", "2,4")], ids="_".join
+)
+def test_what_would_be_ignored_is_refused(measure, words):
+    done = measure([0, 0, 0], *words)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: --measure fits nothing, but --")

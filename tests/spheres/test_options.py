@@ -9,9 +9,10 @@ from aoprecalc.options import SphereOptions
 @pytest.mark.parametrize(
     ("chosen", "complaint"),
     [
-        ({"method": "shadow", "radius": "cover"}, "--radius and --init are not for --method shadow"),
-        ({"method": "collision", "radius": "uniform"}, "--radius and --init are not for --method collision"),
-        ({"method": "shadow", "init": "kmeans++"}, "--radius and --init are not for --method shadow"),
+        ({"method": "shadow", "radius": "cover"}, "--radius is not for --method shadow"),
+        ({"method": "collision", "radius": "uniform"}, "--radius is not for --method collision"),
+        ({"method": "shadow", "init": "kmeans++"}, "--init is not for --method shadow"),
+        ({"method": "shadow", "max_iterations": 5}, "--max-iterations is not for --method shadow"),
         ({"levels": (8, 4)}, "--levels is 8,4; expected ascending"),
         ({"levels": (4, 4)}, "--levels is 4,4; expected ascending"),
         ({"levels": (2, 9, 3)}, "--levels is 2,9,3; expected ascending"),

@@ -3,6 +3,7 @@
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import common, levels, option
@@ -30,9 +31,12 @@ from aoprecalc.options import SphereOptions
     "--tolerance",
     of=SphereOptions,
     field="tolerance",
-    help="Instead of -n: as few as leave an error of at most E.",
+    help="Instead of -n: few, with an error of at most E: 1 - silhouette IoU for shadow and collision, else the "
+    "mean surface error.",
 )
-@click.option("--levels", type=levels, metavar="N,N,...", help="Instead of -n: several sets, coarse to fine.")
+@click.option(
+    "--levels", type=levels, metavar="N,N,...", help="Instead of -n: several sets, coarse to fine (JSON only)."
+)
 @click.option(
     "--measure", metavar="FILE", help="Fit nothing: measure the spheres in FILE (.json .csv .npz) against MESH."
 )
@@ -44,8 +48,18 @@ from aoprecalc.options import SphereOptions
     field="radius",
     help="mean or greatest distance of a sphere's samples, or one mean for all.",
 )
-@option("--init", of=SphereOptions, field="init", help="Where the spheres start.")
-@option("--max-iterations", of=SphereOptions, field="max_iterations", help="Stop here even if not converged.")
+@option(
+    "--init",
+    of=SphereOptions,
+    field="init",
+    help="Start at the first samples, or at some that are spread (lloyd, algebraic).",
+)
+@option(
+    "--max-iterations",
+    of=SphereOptions,
+    field="max_iterations",
+    help="Stop here even if not converged (lloyd, algebraic).",
+)
 @common
 def spheres(mesh: str, **given: Any) -> None:
     """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb), for casting soft shadows or for collisions.
@@ -57,12 +71,14 @@ def spheres(mesh: str, **given: Any) -> None:
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     output, as_json, measured = given.pop("output"), given.pop("as_json"), given.pop("measure")
     if measured is not None:
-        if output is not None:
-            raise UsageError("--measure writes no spheres, but --output was given; omit one of them")
+        _refuse_beside("--measure", "fits nothing", *(set(given) - {"samples", "seed"}), "output")
         options = SphereOptions(1, samples=given["samples"], seed=given["seed"])
         found_quality = recipes.measure_spheres(mesh, measured, options=options, progress=console)
         click.echo(found_quality.document if as_json else _table(found_quality.quality), nl=False)
         return
+    for instead in ("tolerance", "levels"):
+        if given[instead] is not None:
+            _refuse_beside(f"--{instead}", "says how many spheres", "spheres")
     options = SphereOptions(**given | {"levels": given["levels"] or ()})
     result = recipes.fit_spheres(mesh, output, options=options, progress=console)
     if as_json:
@@ -79,6 +95,14 @@ def spheres(mesh: str, **given: Any) -> None:
     parts = f", {quality['leak']:.3f} missing, {quality['spill']:.3f} beside" if "leak" in quality else ""
     error = quality["surface_error_mean"]
     click.echo(f"silhouettes {quality['silhouette_iou']:.3f} alike{parts}; surface error {error:.4f} of the diagonal")
+
+
+def _refuse_beside(option: str, why: str, *names: str) -> None:
+    """Raise UsageError if an option of one of these names was given, too."""
+    context = click.get_current_context()
+    for name in sorted(names):
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise UsageError(f"{option} {why}, but --{name.replace('_', '-')} was given as well; omit one of them")
 
 
 def _table(quality: dict[str, float]) -> str:

@@ -17,8 +17,8 @@ _OF_SOLVING = 76  # a texel of the picture, while the fit is solved and nothing 
 _OF_HELD_BEFORE = 16  # a texel of the portion, then: what the system was not given back
 _OF_TRIANGLE = 400  # while occluders are sorted and uploaded
 _OF_MAPS = 1 << 26  # what a batch of maps takes, unless a single axis takes more
-_DRIFT = 16  # megabytes by which what a process holds differs from one run to the next
 _REST = 80 << 20  # that, and what the renderer compiles and keeps
+_DRIFT = 16  # megabytes by which what a process holds differs from one run to the next
 
 
 def portion(limit: int | None, size: str, picture: int, covered: int, maps: int, triangles: int) -> int:
@@ -56,11 +56,18 @@ def runs(count: int, portion: int) -> list[slice]:
 
 
 def _resident() -> int:
-    """Bytes of memory that this process holds; where the system does not say, the most that it has held."""
+    """Bytes of memory that this process holds; where only that is told, the most that it has held.
+
+    Raises UsageError where the system tells neither.
+    """
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
-        import resource
-
+        try:
+            import resource
+        except ModuleNotFoundError as error:
+            raise UsageError(
+                "--memory-limit needs to know how much memory is held, which this system does not tell; omit it"
+            ) from error
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         return most if sys.platform == "darwin" else most * 1024

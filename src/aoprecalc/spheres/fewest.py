@@ -1,4 +1,4 @@
-"""The fewest spheres that are as good as asked for."""
+"""As few spheres as are good enough."""
 
 from collections.abc import Callable
 
@@ -13,6 +13,7 @@ from aoprecalc.spheres.likeness.distance import signed_distances
 from aoprecalc.spheres.likeness.quality import silhouette_quality
 
 MOST = 4096
+SAMPLES = 10  # that each sphere has at least: fewer would be fitted, not stood for
 
 
 def fewest(
@@ -23,7 +24,7 @@ def fewest(
     tolerance: float,
     method: Method,
 ) -> Fitted:
-    """Return the fit of the fewest spheres, up to MOST, whose error is at most `tolerance`.
+    """Return a fit whose error is at most `tolerance`, of few spheres: at most MOST, and a tenth of the samples.
 
     attempt   fits as many spheres, in the frame, by `method`
 
@@ -33,7 +34,7 @@ def fewest(
     """
     by_silhouettes = method in ("shadow", "collision")
     positions = frame.enter(scene.positions)
-    most = min(MOST, len(np.unique(points[: 2 * MOST], axis=0)))
+    most = min(MOST, max(1, len(np.unique(points[: SAMPLES * MOST], axis=0)) // SAMPLES))
 
     def error(made: Fitted) -> float:
         if by_silhouettes:
@@ -42,12 +43,15 @@ def fewest(
         return float(np.abs(away).mean() / (frame.diagonal or 1.0))
 
     too_few, count = 0, 1
+    failed: list[tuple[float, int]] = []
     while (found := error(made := attempt(count))) > tolerance:
+        failed.append((found, count))
         if count == most:
             kind = "1 - silhouette IoU" if by_silhouettes else "mean surface error"
+            least, by = min(failed)
             raise AoprecalcError(
-                f"{scene.path}: {count} spheres leave an error of {found:.4g} ({kind}), more than --tolerance "
-                f"{tolerance:g}; allow a greater one, or use another --method"
+                f"{scene.path}: no number of spheres up to {most} was found with an error of --tolerance {tolerance:g} "
+                f"({kind}), the least was {least:.4g} with {by}; allow that, or use more --samples or another --method"
             )
         too_few, count = count, min(2 * count, most)
     while count - too_few > 1:

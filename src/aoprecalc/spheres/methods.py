@@ -10,7 +10,7 @@ from aoprecalc.spheres.clusters.lloyd import Clusters, lloyd
 from aoprecalc.spheres.clusters.radius import radii
 from aoprecalc.spheres.clusters.starts import starts
 from aoprecalc.spheres.descent.collision import collision
-from aoprecalc.spheres.descent.shadow import shadow
+from aoprecalc.spheres.descent.shadow import Target, shadow
 from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.frame import Frame
 
@@ -26,7 +26,7 @@ def fitted(
 ) -> Fitted:
     """Fit `count` spheres, in the frame, by `options.method`; points: (s, 3) samples of the scene's surface in it."""
     if options.method == "shadow":
-        return shadow(scene, frame, points, count, rng, progress)
+        return shadow(scene, frame, Target.of(scene, frame), points, count, rng, progress)
     if options.method == "collision":
         return collision(scene, frame, points, count, rng, progress)
     first = starts(points, count, options.init, rng)

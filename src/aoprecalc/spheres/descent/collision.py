@@ -24,10 +24,8 @@ from aoprecalc.surface.topology import topology
 _STEPS = 300
 _PULL = 4.0  # in the end, of a point against the silhouettes' share of it
 _DRAWN = 4000  # points that pull in a step
-_SLACK, _STRONGEST = (
-    0.3,
-    3.0,
-)  # pixels: inside a sphere by how much a point still pulls, and where its pull stops growing
+# Pixels: how far inside a sphere a point still pulls, and how far outside its pull stops growing.
+_SLACK, _STRONGEST = 0.3, 3.0
 _PIECE = 0.03  # longest side of a piece, in the frame
 _CUBES = 48  # along the longest side of the grid whose points inside the mesh are held
 _FEW = 256  # spheres that are all measured; measured: of 100 in a fifth of the time that a look-up takes
@@ -45,8 +43,8 @@ def collision(
     points   (s, 3) float64 samples of its surface in the frame
     Of the inside of a watertight mesh the points of a grid are held, 48 along the longest side of its box.
     """
-    target = Target.of(frame.enter(scene.positions), scene.faces)
-    begun = shadow(scene, frame, points, count, rng, progress)
+    target = Target.of(scene, frame)
+    begun = shadow(scene, frame, target, points, count, rng, progress)
     small = pieces(frame.enter(scene.corners), _PIECE)
     held = np.concatenate([small.reshape(-1, 3), _inside(scene, frame)])
     descent = Descent(begun.centers, begun.radii, target.wanted, target.seen, BATCH)
