@@ -13,7 +13,7 @@ def scene(positions, faces, uvs=None, normals=None) -> Scene:
     positions, faces = np.asarray(positions, float), np.asarray(faces, np.int32)
     part = Part("made", 0, len(faces), faces)
     normals = None if normals is None else np.asarray(normals, np.float32)
-    return Scene(Path("made.obj"), "obj", positions, faces, normals, uvs, (part,))
+    return Scene(Path("made.obj"), "obj", positions, faces, normals, () if uvs is None else (uvs,), (part,))
 
 
 def quad(origin, right, up, cells=1):

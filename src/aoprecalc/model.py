@@ -8,8 +8,10 @@ vertices, so that no step has to split or weld anything. Sizes in the docstrings
 positions, f faces, k texels.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +20,58 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Mask = NDArray[np.bool_]
+Wrap = Literal["repeat", "mirror", "clamp"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cutout:
+    """The holes of a part whose material cuts out what is too transparent.
+
+    alpha     (h, w) float32, row 0 at v = 1
+    uvs       (n, 3, 2) float64 at the corners of the part's faces, v upwards
+    factors   (n, 3) float64 at the corners: by what the picture's alpha is multiplied there
+    cutoff    there is a hole where the product is less
+    wraps     what the picture does beyond [0, 1] along u and v: repeat, mirror or clamp
+    """
+
+    alpha: Floats
+    uvs: Doubles
+    factors: Doubles
+    cutoff: float
+    wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What light does at a part, as its material says.
+
+    glass       light passes through
+    unlit       ambient light has no part in its colour
+    two_sided   its back is shown as well
+    cutout      None where it has no holes
+    """
+
+    glass: bool = False
+    unlit: bool = False
+    two_sided: bool = False
+    cutout: Cutout | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """A run of faces of a Scene that were one piece in the file (a group, a glTF primitive).
 
-    name      as in the file, or made up
+    name          as in the file, or made up
     start, stop   the faces scene.faces[start:stop]
-    vertices  (stop - start, 3) int32: which of the piece's own vertices in the file stands at each corner
-    source    what the reader of that kind of file needs to find the piece again; opaque to others
+    vertices      (stop - start, 3) int32: which of the piece's own vertices in the file stands at each corner
+    source        what the reader of that kind of file needs to find the piece again; opaque to others
+    names         all that a user may call it by: its name, those of its groups, of the nodes above it, of its material
+    look          what its material says
+    instance_of   the number of the first part that shows the same piece of the file elsewhere; None for that itself
+    repeats       the same for parts that the file cannot tell apart; None for the first of them and where it can
+    receives      it gets ambient occlusion
+    occludes      it is in the light's way
+    shares        the number of the part whose place in the texture it has; None where that is its own
     """
 
     name: str
@@ -35,6 +79,18 @@ class Part:
     stop: int
     vertices: Ints
     source: object = None
+    names: frozenset[str] = frozenset()
+    look: Look = field(default_factory=Look)
+    instance_of: int | None = None
+    repeats: int | None = None
+    receives: bool = True
+    occludes: bool = True
+    shares: int | None = None
+
+    @property
+    def faces(self) -> slice:
+        """The run as a slice."""
+        return slice(self.start, self.stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +102,11 @@ class Scene:
     positions  (v, 3) float64: no two are equal, every one is used by a face, all finite
     faces      (f, 3) int32 into positions, f >= 1, counter-clockwise seen from the front
     normals    (f, 3, 3) float32, unit length: the shading normal at each corner; None where the file has none
-    uvs        (f, 3, 2) float64, v upwards (v = 1 is the first row of the picture); None where the file has none
+    uv_sets    each (f, 3, 2) float64, v upwards (v = 1 is the first row of the picture), (0, 0) where a face has none
     parts      consecutive runs of faces that cover them all
     document   the original file as its reader keeps it, for writing it back; opaque to others
     warnings   lines that the user should see about the input
+    floor      the unit vector away from the endless floor that the scene stands on; None where there is none
     """
 
     path: Path
@@ -57,15 +114,59 @@ class Scene:
     positions: Doubles
     faces: Ints
     normals: Floats | None
-    uvs: Doubles | None
+    uv_sets: tuple[Doubles, ...]
     parts: tuple[Part, ...]
     document: object = None
     warnings: tuple[str, ...] = ()
+    floor: tuple[float, float, float] | None = None
 
     @property
     def corners(self) -> Doubles:
         """(f, 3, 3) float64: the positions of each face's corners."""
         return self.positions[self.faces]
+
+    @property
+    def uvs(self) -> Doubles | None:
+        """The first set of UVs; None where the file has none."""
+        return self.uv_sets[0] if self.uv_sets else None
+
+    def of_parts(self, values: Iterable[bool]) -> Mask:
+        """Give each face what its part has, (f,) bool."""
+        sizes = [part.stop - part.start for part in self.parts]
+        return np.repeat(np.fromiter(values, bool), sizes)
+
+    @property
+    def receives(self) -> Mask:
+        """(f,) bool: the faces that get ambient occlusion."""
+        return self.of_parts(part.receives for part in self.parts)
+
+    @property
+    def occludes(self) -> Mask:
+        """(f,) bool: the faces that are in the light's way, but for the holes of cut-outs."""
+        return self.of_parts(part.occludes for part in self.parts)
+
+    @property
+    def two_sided(self) -> Mask:
+        """(f,) bool: the faces whose backs are shown as well."""
+        return self.of_parts(part.look.two_sided for part in self.parts)
+
+
+@dataclass(frozen=True)
+class UvCheck:
+    """Whether a set of UVs can hold a bake.
+
+    uv_set       its number
+    flat_faces   how many faces with area have none in UV space
+    tiles        repeats of the texture that a face spans at most
+    overlap      share of the covered texels that lie inside two triangles; None where something else ruled it out
+    fault        why it cannot, in words; empty where it can
+    """
+
+    uv_set: int
+    flat_faces: int
+    tiles: float
+    overlap: float | None
+    fault: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +175,12 @@ class Atlas:
 
     method     keep, xatlas or uvunwrap
     uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `wraps`
-    covers     (f,) bool: faces that have a place in the texture; those without area have none
+    covers     (f,) bool: faces that have a place of their own in the texture; those without area have none
     charts     how many connected islands there are
     wraps      some uvs lie outside [0, 1]: the texture repeats
     gutter     texels kept free between charts when they were packed; None for UVs that were kept
+    uv_set     the number of the set that was kept; None for new UVs
+    checks     what was found about the file's own sets, as far as they were looked at
     """
 
     method: str
@@ -86,6 +189,8 @@ class Atlas:
     charts: int
     wraps: bool = False
     gutter: int | None = None
+    uv_set: int | None = None
+    checks: tuple[UvCheck, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +207,10 @@ class Texels:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def some(self, chosen: slice | Mask) -> "Texels":
+        """Return those of a run, or of a (k,) mask."""
+        return Texels(self.width, self.height, self.index[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +229,7 @@ class Texture:
 class Baked:
     """What a bake makes of a scene.
 
+    scene         that was baked, with the roles that its parts had
     texture       the finished picture
     atlas         the UVs that it belongs to
     normals       (f, 3, 3) float32: the shading normals that were used
@@ -132,6 +242,7 @@ class Baked:
     warnings      what the user should know about the result
     """
 
+    scene: Scene
     texture: Texture
     atlas: Atlas
     normals: Floats

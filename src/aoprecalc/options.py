@@ -16,6 +16,9 @@ Unwrap = Literal["auto", "keep", "xatlas", "uvunwrap"]
 Fill = Literal["mean", "pushpull", "none"]
 Normals = Literal["auto", "file", "smooth", "flat"]
 BitDepth = Literal["auto", "8", "16", "half", "float"]
+Instances = Literal["bake", "share"]
+Pack = Literal["none", "orm"]
+Up = Literal["auto", "x", "y", "z"]
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
 Method = Literal["lloyd", "algebraic", "shadow", "collision"]
@@ -65,9 +68,32 @@ def _check(options: Any) -> None:
                 raise UsageError(f"{name} is {value!r}; expected a {kind} from {low} to {high}")
 
 
+@dataclass(frozen=True, kw_only=True)
+class LightOptions:
+    """What receives light and what is in its way.
+
+    only            names (patterns with * and ?) of the parts that receive; the others still occlude; empty: all
+    exclude         names of parts that neither receive nor occlude
+    occluders_only  names of parts that occlude and do not receive
+    glass_occludes  parts that light passes through (glTF: BLEND, transmission) occlude as others do
+    two_sided       both sides of every face receive light: a texel has the larger of the two sides' values; else only
+                    of those whose material shows both (glTF: doubleSided)
+    ground          the scene stands on an endless floor: no light comes from below
+    up              the axis that points away from that floor; auto: y, and z for STL
+    """
+
+    only: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    occluders_only: tuple[str, ...] = ()
+    glass_occludes: bool = False
+    two_sided: bool = False
+    ground: bool = False
+    up: Up = "auto"
+
+
 @dataclass(frozen=True)
-class BakeOptions:
-    """How to bake an ambient-occlusion texture.
+class BakeOptions(LightOptions):
+    """How to bake an ambient-occlusion texture; see LightOptions for what receives and what occludes.
 
     width, height   of the texture, in texels
     directions      light directions, uniform on the sphere; an odd number is rounded up, as they come in pairs
@@ -84,11 +110,14 @@ class BakeOptions:
     bit_depth       auto: 8 for PNG, half for EXR, 8 for others
     normals         auto: the file's, else smooth; flat: the faces' own
     crease_angle    degrees: edges that bend more are hard where normals are made; None: 180, and 40 for STL
-    two_sided       both sides of a face receive light: a texel has the larger of the two sides' values
     target_error    stop before `directions` once the estimated sampling error (RMS) is at most this; None: never
     threads         for software rendering and rays; 0: all cores; a process keeps to what its first bake asked for
     memory_limit    bytes that this process is to stay within, unwrapping apart; None: none. Less memory takes more
                     time and gives the same texture
+    instances       bake: each instance of a mesh has a place of its own in the texture; share: they have one together,
+                    with the mean of what they see
+    pack            orm: occlusion becomes the red channel of the material's roughness and metalness where these have
+                    the same UVs (glTF)
     """
 
     width: int = 1024
@@ -106,10 +135,11 @@ class BakeOptions:
     bit_depth: BitDepth = "auto"
     normals: Normals = "auto"
     crease_angle: float | None = None
-    two_sided: bool = False
     target_error: float | None = None
     threads: int = 0
     memory_limit: int | None = None
+    instances: Instances = "bake"
+    pack: Pack = "none"
 
     def __post_init__(self) -> None:
         """Raise UsageError where a value is out of its range."""
@@ -171,14 +201,13 @@ class SphereOptions:
 
 
 @dataclass(frozen=True)
-class VerifyOptions:
-    """How to measure a texture against ray tracing.
+class VerifyOptions(LightOptions):
+    """How to measure a texture against ray tracing; see LightOptions for what occludes.
 
     points         drawn uniformly on the surface
     rays           cast from each of them; rounded up to a square number, as they are stratified in a square grid
     seed           of the points and the rays
     estimator      of the value that the texture is to hold, as in BakeOptions
-    two_sided      the texture is to hold the larger of the two sides' values
     normals, crease_angle   as in BakeOptions
     tolerance      the greatest RMS error that passes, at full resolution; None: any
     threads        that cast rays; 0: all cores
@@ -188,7 +217,6 @@ class VerifyOptions:
     rays: int = 48 * 48
     seed: int = 0
     estimator: Estimator = "ratio"
-    two_sided: bool = False
     normals: Normals = "auto"
     crease_angle: float | None = None
     tolerance: float | None = None

@@ -55,7 +55,7 @@ def make_atlas(scene, method="xatlas"):
     """Each face a triangle of its own, in a grid; or the UVs of the scene."""
     count = len(scene.faces)
     if method == "keep":
-        return Atlas("keep", scene.uvs, np.ones(count, dtype=bool), count)
+        return Atlas("keep", scene.uvs, np.ones(count, dtype=bool), count, uv_set=0)
     side = int(np.ceil(np.sqrt(count)))
     cells = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)[:, None]
     uvs = (cells + np.array([[0.1, 0.1], [0.9, 0.1], [0.1, 0.9]])) / side

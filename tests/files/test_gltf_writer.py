@@ -50,7 +50,8 @@ def check_document(path):
                 assert (view.get("byteOffset", 0) + accessor.get("byteOffset", 0)) % 4 == 0
     assert pygltflib.GLTF2().load(str(path)).buffers[0].byteLength == len(document.buffers[0])
     ours = trimesh.Trimesh(scene.positions, scene.faces, process=False)
-    assert trimesh.load_scene(path, process=False).to_mesh().area == pytest.approx(ours.area)
+    if not any("weights" in mesh for mesh in document.json["meshes"]):  # of morph targets trimesh knows nothing
+        assert trimesh.load_scene(path, process=False).to_mesh().area == pytest.approx(ours.area)
     return scene
 
 
@@ -158,7 +159,7 @@ def test_every_attribute_and_morph_target_goes_along(gltf, bake):
     primitive["targets"] = [{"POSITION": gltf.accessor(delta, min=[0, 1, 2], max=[9, 10, 11])}]
     gltf.node(mesh=gltf.mesh(primitive, weights=[0.5]))
     scene = gltf.load()
-    assert np.array_equal(scene.corners[0], points[:3])
+    assert np.array_equal(scene.corners[0], (points + delta / 2)[:3])
     path, atlas, normals, _ = bake(scene, "a.glb")
     back = check_document(path)
     document, part = back.document, back.parts[0]

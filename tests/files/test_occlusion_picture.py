@@ -8,7 +8,7 @@ import pytest
 
 from aoprecalc.errors import InputError
 from aoprecalc.files import find_occlusion, load_scene, read_image, source_files, write_image
-from aoprecalc.files.images import decode_image
+from aoprecalc.files.images import decode_pixels
 
 LIGHT = np.linspace(0.2, 0.8, 16, dtype=np.float32).reshape(2, 8)
 DARK = LIGHT / 2
@@ -190,7 +190,7 @@ def test_what_is_missing_is_said(save, pictures, text, texture, said):
 
 def test_embedded_bytes_that_are_no_picture_are_called_by_their_name():
     with pytest.raises(InputError) as failure:
-        decode_image(b"not a picture", "image 3 of a.glb")
+        decode_pixels(b"not a picture", "image 3 of a.glb")
     assert str(failure.value).startswith("image 3 of a.glb: cannot be read as a picture")
     assert "/tmp" not in str(failure.value)
 

@@ -11,12 +11,13 @@ from aoprecalc.measure.reference import rays_used, reference
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.surface.normals import shading_normals
+from aoprecalc.surface.roles import assign_roles
 from shapes import ball, disc, join, scene, torus
 
 
 def values(made, points, normals="smooth", **options):
     given = VerifyOptions(**{"rays": 2304, **options})
-    return reference(made, shading_normals(made, normals), points, given, Progress())
+    return reference(assign_roles(made, given), shading_normals(made, normals), points, given, Progress())
 
 
 def spread(made, count=200):
@@ -108,8 +109,9 @@ def test_points_done_are_counted():
             self.done += count
 
     counter, made = Counter(), scene(*ball(1))
-    reference(made, shading_normals(made), spread(made, 321), VerifyOptions(rays=10_000, two_sided=True), counter)
-    assert counter.done == 2 * 321
+    options = VerifyOptions(rays=10_000, two_sided=True)
+    reference(assign_roles(made, options), shading_normals(made), spread(made, 321), options, counter)
+    assert counter.done == 321
 
 
 def test_without_embree_the_error_says_what_to_install(monkeypatch):

@@ -18,7 +18,7 @@ def scene_of() -> Callable[[object, object], Scene]:
     def make(positions: object, faces: object) -> Scene:
         corners: Ints = np.array(faces, np.int32)
         part = Part("all", 0, len(corners), corners)
-        return Scene(Path("made.obj"), "obj", np.array(positions, np.float64), corners, None, None, (part,))
+        return Scene(Path("made.obj"), "obj", np.array(positions, np.float64), corners, None, (), (part,))
 
     return make
 

@@ -1,18 +1,18 @@
 """Which UVs a bake uses, and why."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
 
 from aoprecalc.atlas.gutter import doubled_areas
-from aoprecalc.atlas.unwrap import unwrap
+from aoprecalc.atlas.unwrap import owns_place, unwrap
 from aoprecalc.errors import InputError, UsageError
-from aoprecalc.model import Atlas, Scene
+from aoprecalc.model import Atlas, Scene, UvCheck
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.surface.normals import face_directions
 from aoprecalc.texspace.layout import MOST_TILES, Layout, as_atlas, lay_out
 from aoprecalc.texspace.samples import TexelSampler
 
@@ -29,37 +29,47 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
     Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed,
     AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
     """
+    checks = []
     if options.unwrap in ("auto", "keep"):
-        kept, fault = keep(sampler, scene, options.width, options.height)
-        if kept is not None:
-            return kept
+        for number in range(len(scene.uv_sets)):
+            check, kept = check_uvs(sampler, scene, number, options.width, options.height)
+            checks.append(check)
+            if kept is not None:
+                return replace(kept, checks=tuple(checks))
+        faults = "; ".join(f"set {check.uv_set}: {check.fault}" for check in checks) or "there are none"
+        if len(checks) == 1:
+            faults = checks[0].fault
         if options.unwrap == "keep":
-            raise InputError(f"{scene.path}: its UVs cannot hold a bake ({fault}); use --unwrap auto or xatlas")
-        progress.note(f"the file's UVs are not kept: {fault}")
+            raise InputError(f"{scene.path}: its UVs cannot hold a bake ({faults}); use --unwrap auto or xatlas")
+        progress.note(f"the file's UVs are not kept: {faults}")
     if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
         raise UsageError("--unwrap uvunwrap: it is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
-    large = len(scene.faces) > LARGE_MESH and find_spec("uvunwrap") is not None
+    large = np.count_nonzero(owns_place(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)
     method: Literal["xatlas", "uvunwrap"] = "uvunwrap" if fast else "xatlas"
-    return unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
+    atlas = unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
+    return replace(atlas, checks=tuple(checks))
 
 
-def keep(sampler: Sampler, scene: Scene, width: int, height: int) -> tuple[Atlas | None, str]:
-    """Return the atlas of the file's own UVs, or None and why they cannot hold a bake."""
-    if scene.uvs is None:
-        return None, "there are none"
-    solid = face_directions(scene.corners)[1]
-    if not solid.any():
-        raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to bake")
-    longest = np.linalg.norm(np.roll(scene.uvs, -1, axis=1) - scene.uvs, axis=2).max(axis=1)
-    flat = solid & (doubled_areas(scene.uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))
-    if flat.any():
-        return None, f"{np.count_nonzero(flat)} faces with area have no area in UV space"
-    atlas = as_atlas(scene, scene.uvs, solid)
-    if np.ptp(scene.uvs[solid], axis=1).max() > MOST_TILES:
-        return None, f"a face spans more than {MOST_TILES} repeats of the texture"
+def check_uvs(sampler: Sampler, scene: Scene, number: int, width: int, height: int) -> tuple[UvCheck, Atlas | None]:
+    """Look at set `number` of the file's own UVs; return what was found, and the atlas of it where it can hold a bake.
+
+    It can if, wrapped modulo 1, hardly a texel (MOST_OVERLAP of the covered ones) lies inside two triangles, no face
+    with area is without area in UV space, and none spans more than MOST_TILES repeats of the texture.
+    """
+    uvs, placed = scene.uv_sets[number], owns_place(scene)
+    longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
+    flat = int(np.count_nonzero(placed & (doubled_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
+    tiles = float(np.ptp(uvs[placed], axis=1).max())
+    if flat:
+        return UvCheck(number, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
+    if tiles > MOST_TILES:
+        fault = f"a face spans more than {MOST_TILES} repeats of the texture"
+        return UvCheck(number, flat, tiles, None, fault), None
+    atlas = replace(as_atlas(scene, uvs, placed), uv_set=number)
     overlap = sampler(lay_out(scene, atlas, width, height)).overlap()
-    if overlap >= MOST_OVERLAP:
-        return None, f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
-    return atlas, ""
+    if overlap < MOST_OVERLAP:
+        return UvCheck(number, flat, tiles, overlap, ""), atlas
+    fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
+    return UvCheck(number, flat, tiles, overlap, fault), None

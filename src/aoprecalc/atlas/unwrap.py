@@ -40,13 +40,12 @@ def unwrap(
     """
     if size < LEAST_SIZE:
         raise UsageError(f"--size {size} has no room for charts and gutters; use at least {LEAST_SIZE}")
-    solid = face_directions(scene.corners)[1]
-    if not solid.any():
-        raise InputError(f"{scene.path}: none of its {len(scene.faces)} faces has area; expected a surface to unwrap")
+    solid = owns_place(scene)
     # Both unwrappers weigh lengths against constants; they are given about one unit.
-    low = scene.positions.min(axis=0)
-    positions = ((scene.positions - low) / np.ptp(scene.positions, axis=0).max()).astype(np.float32)
-    faces = scene.faces[solid]
+    used, corners = np.unique(scene.faces[solid], return_inverse=True)
+    positions = scene.positions[used] - scene.positions[used].min(axis=0)
+    positions = (positions / positions.max()).astype(np.float32)
+    faces = corners.reshape(-1, 3).astype(np.int32)
     started = time.monotonic()
 
     def look(step: str) -> None:
@@ -64,6 +63,20 @@ def unwrap(
     everywhere[solid] = uvs
     solid[solid] = placed
     return Atlas(method, everywhere, solid, charts, gutter=gutter)
+
+
+def owns_place(scene: Scene) -> Mask:
+    """Return the faces, (f,) bool, that need a place in the texture: those with area that receive and share none.
+
+    Raises InputError where there are none.
+    """
+    there = scene.receives & scene.of_parts(part.shares is None for part in scene.parts)
+    solid: Mask = there & face_directions(scene.corners)[1]
+    if not solid.any():
+        raise InputError(
+            f"{scene.path}: none of its {np.count_nonzero(there)} faces has area; expected a surface to bake"
+        )
+    return solid
 
 
 def _xatlas(positions: Floats, faces: Ints, size: int, padding: int, look: Look) -> tuple[Doubles, Mask, int, int]:

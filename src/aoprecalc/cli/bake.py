@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common, memory, option, shadow_size, size
+from aoprecalc.cli.options import common, light, memory, option, shadow_size, size
 from aoprecalc.options import RANGES, BakeOptions
 
 
@@ -50,7 +50,8 @@ from aoprecalc.options import RANGES, BakeOptions
     field="crease_angle",
     help="Degrees; sharper edges are hard where normals are made. [default: 180; STL 40]",
 )
-@click.option("--two-sided", is_flag=True, help="Take the lighter of a face's two sides.")
+@light
+@option("--instances", of=BakeOptions, field="instances", help="A place in the texture for each, or one for all.")
 @option(
     "--target-error",
     of=BakeOptions,
@@ -64,6 +65,7 @@ from aoprecalc.options import RANGES, BakeOptions
     metavar="SIZE",
     help="Stay within this much memory, such as 1.5G: the same texture, in more time.",
 )
+@option("--pack", of=BakeOptions, field="pack", help="orm: in one picture with glTF's roughness and metalness.")
 @click.option(
     "--verify", is_flag=True, help="Measure the texture against ray tracing, for the report; needs the extra ray."
 )

@@ -7,7 +7,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 
 import click
 
-from aoprecalc.options import RANGES
+from aoprecalc.options import RANGES, LightOptions
 
 _METAVARS = {"crease_angle": "DEG", "target_error": "E", "tolerance": "E"}
 
@@ -30,6 +30,26 @@ def _number(field: str, *, whole: bool) -> click.IntRange | click.FloatRange:
     kind = click.IntRange(*RANGES[field]) if whole else click.FloatRange(*RANGES[field])
     kind.name = "whole number" if whole else "number"
     return kind
+
+
+def light(command: Command) -> Command:
+    """Add the options of LightOptions."""
+    for add in (
+        option("--up", of=LightOptions, field="up", help="Away from the floor; auto is y, and z for STL."),
+        click.option("--ground", is_flag=True, help="Stand on an endless floor: no light comes from below."),
+        click.option("--two-sided", is_flag=True, help="Take the lighter of a face's two sides."),
+        click.option("--glass-occludes", is_flag=True, help="Parts that light passes through are in its way as well."),
+        _names("--occluders-only", "Parts that are in the light's way and get no texture."),
+        _names("--exclude", "Parts to treat as if they were not there."),
+        _names("--only", "Parts that get the texture; the others are still in the light's way."),
+    ):
+        command = add(command)
+    return command
+
+
+def _names(name: str, help: str) -> Callable[[Command], Command]:
+    """Return an option that names parts, again and again."""
+    return click.option(name, multiple=True, metavar="NAME", help=f"{help} May have * and ?, may be repeated.")
 
 
 def common(command: Command) -> Command:

@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common, option
+from aoprecalc.cli.options import common, light, option
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import VerifyOptions
 
@@ -22,7 +22,7 @@ from aoprecalc.options import VerifyOptions
 @option("--rays", of=VerifyOptions, field="rays", help="Rays from each point, rounded up to a square number.")
 @option("--seed", of=VerifyOptions, field="seed", help="Of the points and the rays.")
 @option("--estimator", of=VerifyOptions, field="estimator", help="What the texture is to hold; see bake.")
-@click.option("--two-sided", is_flag=True, help="The texture is to hold the larger of the two sides' values.")
+@light
 @option("--normals", of=VerifyOptions, field="normals", help="auto: the file's, else smooth.")
 @option(
     "--crease-angle",

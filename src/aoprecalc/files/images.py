@@ -102,7 +102,12 @@ def quantize(values: Floats, depth: Depth) -> NDArray[Any]:
 
 
 def read_image(path: str | PathLike[str]) -> Floats:
-    """Return the (height, width) float32 values of a picture's first channel; integers come as fractions of their most.
+    """Return the (height, width) float32 values of a picture's first channel; see `read_pixels`."""
+    return np.ascontiguousarray(read_pixels(path)[:, :, 0])
+
+
+def read_pixels(path: str | PathLike[str]) -> Floats:
+    """Return the (height, width, channels) float32 values of a picture; integers come as fractions of their most.
 
     They are as in the file: neither decoded as colours nor multiplied by its alpha.
 
@@ -121,16 +126,16 @@ def read_image(path: str | PathLike[str]) -> Floats:
     if pixels is None or buffer.has_error:
         reason = _line(buffer.geterror())
         raise InputError(f"{path}: cannot be read as a picture ({reason}); check the file or convert it to PNG")
-    return np.ascontiguousarray(pixels[:, :, 0], dtype=np.float32)
+    return np.ascontiguousarray(pixels, dtype=np.float32)
 
 
-def decode_image(data: bytes, name: str) -> Floats:
-    """Read a picture, as `read_image` does, from the bytes of its file; errors call it by `name`."""
+def decode_pixels(data: bytes, name: str) -> Floats:
+    """Read a picture, as `read_pixels` does, from the bytes of its file; errors call it by `name`."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "picture.png"  # what it is shows in the bytes, whatever it is called
         copy.write_bytes(data)
         try:
-            return read_image(copy)
+            return read_pixels(copy)
         except InputError as error:
             raise InputError(str(error).replace(str(copy), name)) from error
 

@@ -18,6 +18,7 @@ from aoprecalc.files.ply.reader import PlyDocument, read_ply
 from aoprecalc.files.ply.writer import write_ply
 from aoprecalc.files.stl_reader import read_stl
 from aoprecalc.model import Atlas, Floats, Scene
+from aoprecalc.options import Pack
 
 READERS: dict[str, Callable[[Path, bytes], Scene]] = {
     "obj": read_obj,
@@ -28,7 +29,7 @@ READERS: dict[str, Callable[[Path, bytes], Scene]] = {
     "glb": read_gltf,
 }
 
-WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Floats, Path], tuple[str, ...]]] = {
+WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Floats, Path, Pack], tuple[str, ...]]] = {
     "obj": write_obj,
     "ply": write_ply,
     "gltf": write_gltf,
@@ -92,13 +93,15 @@ def mesh_suffix(scene: Scene) -> tuple[str, str]:
     return f".{scene.kind}", ""
 
 
-def check_mesh_suffix(path: str | PathLike[str]) -> None:
-    """Raise UsageError unless a mesh with UVs can be written under that name."""
+def check_mesh_suffix(path: str | PathLike[str], pack: Pack = "none") -> None:
+    """Raise UsageError unless a mesh with UVs, packed as asked for, can be written under that name."""
     suffix = Path(path).suffix.lower()
     if suffix.removeprefix(".") not in WRITERS:
         known = ", ".join(f".{known}" for known in WRITERS)
         found = f"the extension {suffix or '(none)'} is of no mesh that holds UVs"
         raise UsageError(f"{path}: {found}, one of {known} was expected; choose one of these")
+    if pack == "orm" and suffix not in (".gltf", ".glb"):
+        raise UsageError(f"{path}: --pack orm is for .gltf and .glb alone; omit it, or write one of these")
 
 
 def write_baked_mesh(
@@ -108,6 +111,8 @@ def write_baked_mesh(
     atlas: Atlas,
     normals: Floats,
     texture_path: str | PathLike[str],
+    *,
+    pack: Pack = "none",
 ) -> tuple[str, ...]:
     """Write a mesh with the UVs and normals of its bake, its kind by the extension of `mesh_path`.
 
@@ -115,6 +120,7 @@ def write_baked_mesh(
     atlas          of the scene
     normals        (f, 3, 3) float32, unit length: the shading normals that were used
     texture_path   of the baked texture, already written: to `outputs`, or as a file
+    pack           orm: glTF has the texture in one picture with roughness and metalness where these have the same UVs
 
     A glTF document keeps everything else, and has the texture as occlusion texture; OBJ and PLY refer to it by
     map_Kd and a TextureFile comment. A GLB holds the texture in itself.
@@ -122,10 +128,11 @@ def write_baked_mesh(
     Returns lines that the user should see. Raises UsageError for another extension, OutputError where a file cannot be
     written.
     """
-    check_mesh_suffix(mesh_path)
+    check_mesh_suffix(mesh_path, pack)
     path = Path(mesh_path)
+    write = WRITERS[path.suffix.lower().removeprefix(".")]
     try:
-        return WRITERS[path.suffix.lower().removeprefix(".")](outputs, path, scene, atlas, normals, Path(texture_path))
+        return write(outputs, path, scene, atlas, normals, Path(texture_path), pack)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
 

@@ -3,7 +3,9 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from aoprecalc.files.images import decode_image, read_image
+import numpy as np
+
+from aoprecalc.files.images import decode_pixels, read_pixels
 from aoprecalc.model import Doubles, Floats
 
 
@@ -20,9 +22,13 @@ class Picture:
     path: Path | None = None
     data: bytes = field(default=b"", repr=False, compare=False)
 
+    def pixels(self) -> Floats:
+        """Return its values as stored, (height, width, channels) float32; raises InputError where it is unreadable."""
+        return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
+
     def read(self) -> Floats:
-        """Return its first channel, (height, width) float32; raises InputError where it cannot be read."""
-        return decode_image(self.data, self.name) if self.path is None else read_image(self.path)
+        """Return its first channel, (height, width) float32; raises InputError where it is unreadable."""
+        return np.ascontiguousarray(self.pixels()[:, :, 0])
 
 
 @dataclass(frozen=True, eq=False)

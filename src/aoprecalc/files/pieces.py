@@ -1,7 +1,7 @@
 """From what a file's reader found to a Scene: the checks and repairs that are the same for every kind of file."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError
 from aoprecalc.files.damage import check_indices
 from aoprecalc.files.distinct import distinct_rows
-from aoprecalc.model import Doubles, Floats, Part, Scene
+from aoprecalc.model import Doubles, Floats, Look, Part, Scene
 from aoprecalc.surface.normals import face_directions
 
 # Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
@@ -30,16 +30,20 @@ class Piece:
     positions  (n, 3) float64 in world placement; pieces may share one array
     vertices   (f, 3) integers into positions, counter-clockwise seen from the front
     normals    (f, 3, 3) at the corners, of any length, NaN where the file has none; None if it has none at all
-    uvs        (f, 3, 2) at the corners, v upwards, NaN where the file has none; None if it has none at all
+    uv_sets    each (f, 3, 2) at the corners, v upwards, NaN where the file has none
     source     becomes Part.source
+    names      beside `name`, become Part.names
+    look       becomes Part.look
     """
 
     name: str
     positions: Doubles
     vertices: NDArray[np.int64]
     normals: NDArray[Any] | None = None
-    uvs: NDArray[Any] | None = None
+    uv_sets: tuple[NDArray[Any], ...] = ()
     source: object = None
+    names: Collection[str | None] = ()
+    look: Look = field(default_factory=Look)
 
 
 def build_scene(
@@ -75,7 +79,7 @@ def build_scene(
         positions=positions,
         faces=faces.astype(np.int32),
         normals=_gather_normals(filled, face_normals, said),
-        uvs=_gather_uvs(filled, said),
+        uv_sets=_gather_uv_sets(filled, said),
         parts=_parts(filled),
         document=document,
         warnings=tuple(said),
@@ -138,23 +142,28 @@ def _gather_normals(pieces: Sequence[Piece], face_normals: Doubles, said: list[s
     return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
 
 
-def _gather_uvs(pieces: Sequence[Piece], said: list[str]) -> Doubles | None:
-    """Return UVs for all corners, (0, 0) where the file has none; None if it has none anywhere."""
-    if all(piece.uvs is None for piece in pieces):
-        return None
-    uvs = np.concatenate(
-        [np.full((len(piece.vertices), 3, 2), np.nan) if piece.uvs is None else piece.uvs for piece in pieces]
-    ).astype(np.float64)
-    usable = np.asarray((np.abs(uvs) <= LARGEST_UV).all(axis=2))  # NaN is not, either
-    if not usable.all():
-        said.append(f"{np.count_nonzero(~usable.all(axis=1))} of {len(uvs)} faces lack usable UVs")
-    return np.where(usable[:, :, None], uvs, 0.0)
+def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Doubles, ...]:
+    """Return every set of UVs for all corners, (0, 0) where the file has none."""
+    sets = []
+    for number in range(max(len(piece.uv_sets) for piece in pieces)):
+        uvs = np.concatenate(
+            [
+                piece.uv_sets[number] if number < len(piece.uv_sets) else np.full((len(piece.vertices), 3, 2), np.nan)
+                for piece in pieces
+            ]
+        ).astype(np.float64)
+        usable = np.asarray((np.abs(uvs) <= LARGEST_UV).all(axis=2))  # NaN is not, either
+        if number == 0 and not usable.all():
+            said.append(f"{np.count_nonzero(~usable.all(axis=1))} of {len(uvs)} faces lack usable UVs")
+        sets.append(np.where(usable[:, :, None], uvs, 0.0))
+    return tuple(sets)
 
 
 def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
     parts, start = [], 0
     for piece in pieces:
         stop = start + len(piece.vertices)
-        parts.append(Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source))
+        names = frozenset(name for name in (piece.name, *piece.names) if name)
+        parts.append(Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source, names, piece.look))
         start = stop
     return tuple(parts)

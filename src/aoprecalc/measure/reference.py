@@ -26,22 +26,25 @@ def reference(
     """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
-    options   rays, seed, estimator, two_sided and threads count here
+    options   rays, seed, estimator and threads count here
 
     With the interpolated normal n and the face's own g (for n where they oppose each other), rays w are drawn by their
     cosine with n; ratio: the visible share of those with g.w > 0; mean: the visible ones of these as a share of all.
-    `two_sided` takes the larger of both sides' values. Points done are counted on `progress`, once for each side.
+    Faces that are two-sided have the larger of both sides' values. Points done are counted on `progress`.
     Raises RendererError where rays cannot be cast.
     """
     surface = UnitSurface.of(scene, shading)
-    occluders = Occluders(surface.positions, surface.faces, options.threads)
+    occluders = Occluders(surface.occluders, options.threads)
     places, normals, geometric = surface.at(points.faces, points.weights)
-    sides = (1, -1) if options.two_sided else (1,)
-    values = [_one_side(occluders, places, side * normals, side * geometric, options, progress) for side in sides]
-    return np.maximum(values[0], values[-1])
+    values = _one_side(surface, occluders, places, normals, geometric, options, progress)
+    both = scene.two_sided[points.faces]
+    backs = _one_side(surface, occluders, places[both], -normals[both], -geometric[both], options, Progress())
+    values[both] = np.maximum(values[both], backs)
+    return values
 
 
 def _one_side(
+    surface: UnitSurface,
     occluders: Occluders,
     places: Doubles,
     normals: Doubles,
@@ -59,7 +62,8 @@ def _one_side(
         directions = _hemispheres(normals[block], rays, rng)
         in_front = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
         origins = np.repeat((places[block] + LIFT * geometric[block]).astype(np.float32), rays, axis=0)
-        seen = in_front & ~occluders.hidden(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
+        hidden = occluders.hidden(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
+        seen = in_front & ~hidden & ~surface.is_below(directions)
         values[block] = _share(seen.sum(axis=1), in_front.sum(axis=1), rays, options.estimator)
         progress.advance(len(upward))
     return values

@@ -13,7 +13,7 @@
 
 layout(local_size_x = LOCAL_SIZE) in;
 
-// Per axis: map x, map y, depth; pitch x, pitch y; first map texel of the tile. All zero for an axis that is none.
+// Per axis: map x, map y, depth; pitch x, pitch y, the end that leads down to a floor; first map texel of the tile. All zero for an axis that is none.
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 layout(std430, binding = 1) readonly buffer Points { uvec4 points[]; };  // bits of the position, packed shading normal
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
@@ -66,6 +66,7 @@ void look(inout Receiver at, int axis) {
         if (known) break;
     }
 
+    hidden = hidden || towards * rows[axis + 3].z > 0.0;
     at.sum += vec2(hidden ? 0.0 : weight, weight);
 }
 

@@ -1,6 +1,6 @@
 """From samples to the ambient occlusion of texels: the visibility of one group of axes after the other, summed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,17 +9,19 @@ from aoprecalc.occlusion.axes import groups, texel_offset
 from aoprecalc.occlusion.estimate import estimate, sampling_error
 from aoprecalc.occlusion.observer import Observer
 from aoprecalc.occlusion.portion import PART, runs
+from aoprecalc.occlusion.turns import Turns
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.places import places, surface_of_texel
 from aoprecalc.texspace.reconstruct import Reconstruction
-from aoprecalc.texspace.samples import Samples, TexelSampler
+from aoprecalc.texspace.samples import Samples, TexelSampler, only
 
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
     """What texels see.
 
+    texels           k of them
     values           (k,) float32 in [0, 1]: the mean over the part of each texel that the surface covers
     measured         (k,) bool: texels that have a value
     reconstruction   holds every sample's value at its place, for the picture of darkness (1 - value) that fits best
@@ -27,6 +29,7 @@ class Gathered:
     error            the estimated sampling error of `values`, RMS; None where one group of axes was used
     """
 
+    texels: Texels
     values: Floats
     measured: Mask
     reconstruction: Reconstruction
@@ -44,8 +47,11 @@ def gather(
     most: int,
     options: BakeOptions,
     progress: Progress,
+    faces: Mask | None = None,
 ) -> Gathered:
     """Gather along (a, 3) axes, or fewer where `options.target_error` is reached before.
+
+    faces   (f,) bool: only samples on these count; None: all
 
     Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
     difference tells the error. At most `most` texels are looked at at a time.
@@ -54,9 +60,14 @@ def gather(
     stands_for = surface_of_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
 
-    def look(some_texels: Texels, spot: tuple[float, float], some_axes: Doubles, count: int) -> Floats:
+    turns = Turns.of(scene, len(axes))
+
+    def look(some_texels: Texels, number: int, some_axes: Doubles) -> Floats:
+        spot, count = texel_offset(number), 2 * len(some_axes)
         samples = sampler.samples(some_texels, spot)
-        sums = observer.look(samples, some_axes, progress)
+        if faces is not None:
+            samples = only(samples, faces)
+        sums = observer.look(samples if turns is None else turns.at(samples, number // 2), some_axes, progress)
         for start in range(0, len(sums), PART):
             part = slice(start, start + PART)
             some = Samples(samples.faces[part], samples.weights[part])
@@ -69,14 +80,12 @@ def gather(
     used = [0, 0]  # directions of each half
     error = None
     for number, group in enumerate(groups(len(axes))):
-        count = 2 * (group.stop - group.start)
         for held in runs(len(texels), most):
-            some_texels = replace(texels, index=texels.index[held])
-            halves[number % 2, held] += look(some_texels, texel_offset(number), axes[group], count)
-        used[number % 2] += count
+            halves[number % 2, held] += look(texels.some(held), number, axes[group])
+        used[number % 2] += 2 * (group.stop - group.start)
         if number % 2 or group.stop == len(axes):
             error = sampling_error(halves, used, options.estimator, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
     values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
-    return Gathered(np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)
+    return Gathered(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)

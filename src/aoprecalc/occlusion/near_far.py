@@ -5,7 +5,7 @@ import numpy as np
 
 from aoprecalc.errors import UsageError
 from aoprecalc.gl.programs import compute_program, draw_program
-from aoprecalc.model import Floats, Ints
+from aoprecalc.model import Floats
 from aoprecalc.occlusion.projection import Projections
 from aoprecalc.surface.normals import face_directions
 from aoprecalc.surface.z_order import z_order
@@ -24,8 +24,8 @@ _R32UI = 0x8236  # of OpenGL: the bits of a float as a whole number
 class NearFarMaps:
     """Tiles, one an axis, of two targets: what is nearest to its positive and its negative end; see map_code.glsl."""
 
-    def __init__(self, context: moderngl.Context, positions: Floats, faces: Ints, size: int) -> None:
-        """Upload occluders, (v, 3) positions about the origin and within 1 of it; `size` is a map's side in texels."""
+    def __init__(self, context: moderngl.Context, corners: Floats, size: int) -> None:
+        """Upload occluders, (o, 3, 3) float32 corners within 1 of the origin; `size` is a map's side in texels."""
         limit = context.info["GL_MAX_TEXTURE_SIZE"] // size
         tiles = max(1, min(_TARGET_BYTES // (_CELL_BYTES * size * size), limit * limit, _MOST_AXES))
         across = 2 ** (tiles.bit_length() // 2)
@@ -44,7 +44,6 @@ class NearFarMaps:
         self._large = draw_program(context, __package__, "large.vert.glsl", "large.frag.glsl", **constants)
         self._large["target_size"] = shape
 
-        corners = positions[faces].astype(np.float32, copy=False)
         longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
         # Like sizes together, as invocations run side by side; within them, neighbours write to the same part of a map.
         sizes = np.ceil(np.log2(np.maximum(longest, 1e-9)))
@@ -88,10 +87,11 @@ class NearFarMaps:
             end.bind_to_image(unit, format=_R32UI)
 
     def _axis_rows(self, projections: Projections) -> Floats:
-        """What the shaders read for each axis, (capacity, 5, 4) float32: the projection, the pitch, and the tile."""
+        """What the shaders read for each axis, (capacity, 5, 4) float32: the projection, pitch and floor, the tile."""
         count = len(projections.rows)
         rows = np.zeros((self.capacity, 5, 4))
         rows[:count, :3] = projections.rows
         rows[:count, 3, :2] = projections.pitch
+        rows[:count, 3, 2] = projections.below
         rows[:count, 4, :2] = self._origins[:count]
         return rows.astype(np.float32)

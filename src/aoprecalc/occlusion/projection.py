@@ -19,10 +19,16 @@ class Projections:
     rows     (a, 3, 4) float64: rows @ (x, y, z, 1) gives map x and y in map texels, in [0, size], and the depth
              along the axis, greater towards the axis' positive end, in the points' units
     pitch    (a, 2) float64: the sides of a map texel, in the points' units
+    below    (a,) float64: 1 or -1 where the positive or the negative end of the axis leads down to a floor, 0: neither
     """
 
     rows: Doubles
     pitch: Doubles
+    below: Doubles
+
+    def some(self, chosen: slice) -> "Projections":
+        """Return a run of them."""
+        return Projections(self.rows[chosen], self.pitch[chosen], self.below[chosen])
 
 
 def extreme_points(positions: Doubles) -> Doubles:
@@ -38,8 +44,11 @@ def extreme_points(positions: Doubles) -> Doubles:
     return positions[[along.argmin(), along.argmax()]]
 
 
-def project(axes: Doubles, outline: Doubles, size: int) -> Projections:
-    """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3)."""
+def project(axes: Doubles, outline: Doubles, size: int, floor: tuple[float, float, float] | None = None) -> Projections:
+    """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3).
+
+    floor   the unit vector away from it, where there is one
+    """
     across, upward = perpendiculars(axes)
     longest = np.linalg.svd(outline - outline.mean(axis=0), full_matrices=False)[2][0]
     along_longest = np.arctan2(upward @ longest, across @ longest)  # which makes a needle's map as thin as the needle
@@ -63,4 +72,5 @@ def project(axes: Doubles, outline: Doubles, size: int) -> Projections:
         rows[better, :2, :3] = (sides / step[:, :, None])[better]
         rows[better, :2, 3] = (size / 2 - middle / step)[better]
     rows[:, 2, :3] = axes
-    return Projections(rows, pitch)
+    below = np.zeros(len(axes)) if floor is None else -np.sign(axes @ floor)
+    return Projections(rows, pitch, below)

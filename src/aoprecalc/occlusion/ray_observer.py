@@ -15,7 +15,7 @@ class RayObserver:
     def __init__(self, surface: UnitSurface, threads: int = 0) -> None:
         """Build the occluders. Raises RendererError where embreex is not installed."""
         self._surface = surface
-        self._occluders = Occluders(surface.positions, surface.faces, threads)
+        self._occluders = Occluders(surface.occluders, threads)
 
     def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
         """Return the visibility sums of the samples, see Observer."""
@@ -28,7 +28,11 @@ class RayObserver:
             for towards in (1.0, -1.0):  # the end of the axis from which light comes
                 facing = np.flatnonzero((towards * g_along > 0) & (towards * n_along > 0))
                 weights = np.abs(n_along[facing])
-                hidden = self._occluders.hidden(origins[facing], (towards * axis)[None].astype(np.float32))
+                direction = towards * axis
+                if self._surface.is_below(direction):
+                    hidden = np.ones(len(facing), bool)
+                else:
+                    hidden = self._occluders.hidden(origins[facing], direction[None].astype(np.float32))
                 whole[facing] += weights
                 visible[facing] += np.where(hidden, 0, weights)
                 progress.advance()

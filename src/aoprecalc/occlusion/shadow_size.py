@@ -8,6 +8,7 @@ from aoprecalc.model import Atlas, Scene
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.projection import extreme_points, project
 from aoprecalc.surface.normals import area_vectors
+from aoprecalc.surface.unit import taking_part
 
 LEAST, MOST = 512, 2048
 _STEP = 128
@@ -29,7 +30,7 @@ def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -
     area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.covers]), axis=1).sum()
     if not texels or not area:
         return LEAST
-    pitch = project(axes(2 * _SOME_AXES), extreme_points(scene.positions), MOST).pitch
+    pitch = project(axes(2 * _SOME_AXES), extreme_points(taking_part(scene)), MOST).pitch
     side = float(pitch.max(axis=1).mean()) * MOST
     enough = min(1.0, (directions / _MANY) ** 0.375)
     wanted = _FINER * enough * side / math.sqrt(area / texels)

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from aoprecalc.errors import RendererError
-from aoprecalc.model import Floats, Ints, Mask
+from aoprecalc.model import Floats, Mask
 
 # Of the bounding radius: how far above its face a ray starts, so that it does not meet that face; 32-bit positions are
 # good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
@@ -37,8 +37,8 @@ def require() -> None:
 class Occluders:
     """The triangles of a mesh in an Embree scene; both their sides stop rays."""
 
-    def __init__(self, positions: Floats, faces: Ints, threads: int = 0) -> None:
-        """Build over (v, 3) float32 positions and (f, 3) int32 faces; `threads` cast rays, 0 is one a core.
+    def __init__(self, corners: Floats, threads: int = 0) -> None:
+        """Build over triangles, (o, 3, 3) float32 corners; `threads` cast rays, 0 is one a core.
 
         Raises RendererError where rays cannot be cast.
         """
@@ -48,9 +48,8 @@ class Occluders:
 
         self._scene = EmbreeScene()
         # The scene does not keep what it was made of alive.
-        self._mesh = TriangleMesh(
-            self._scene, np.ascontiguousarray(positions, np.float32), np.ascontiguousarray(faces, np.int32)
-        )
+        vertices = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
+        self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
         self._threads = threads or (
             len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )

@@ -25,8 +25,9 @@ from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
 from aoprecalc.measure.errors import Verified
 from aoprecalc.model import Atlas, Baked, Floats, Scene
-from aoprecalc.occlusion.axes import axes
+from aoprecalc.occlusion.axes import GROUP, axes
 from aoprecalc.occlusion.backend import open_backend
+from aoprecalc.occlusion.backs import lit_backs
 from aoprecalc.occlusion.gathering import Gathered, gather
 from aoprecalc.occlusion.portion import portion, runs
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
@@ -38,9 +39,11 @@ from aoprecalc.recipes.stopwatch import Stopwatch
 from aoprecalc.recipes.verifying import verify_scene
 from aoprecalc.recipes.warnings import bake_warnings
 from aoprecalc.surface.normals import shading_normals
+from aoprecalc.surface.roles import assign_roles
 from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.finish import finish, lighter, paint
 from aoprecalc.texspace.layout import lay_out
+from aoprecalc.texspace.samples import CENTER
 
 _DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
 
@@ -88,7 +91,7 @@ def bake(
         outputs.protect(source_files(scene))
         suffix, reason = mesh_suffix(scene)
         mesh_path = output_place(mesh_output, texture_path.parent / f"{mesh.stem}_ao{suffix}")
-        check_mesh_suffix(mesh_path)
+        check_mesh_suffix(mesh_path, options.pack)
         claim(outputs, mesh_output, mesh_path)
         report_path = None if report is None else output_place(report, f"{mesh.stem}_report.json")
         if report_path is not None:
@@ -97,9 +100,11 @@ def bake(
         with watch.stage("write"):
             written = outputs.path(texture_path)
             write_image(written, baked.texture.values, options.bit_depth)
-            notes = write_baked_mesh(outputs, mesh_path, scene, baked.atlas, baked.normals, texture_path)
+            notes = write_baked_mesh(
+                outputs, mesh_path, baked.scene, baked.atlas, baked.normals, texture_path, pack=options.pack
+            )
         warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
-        verified = _verified(scene, baked, read_image(written), options, progress, watch) if verify else None
+        verified = _verified(baked, read_image(written), options, progress, watch) if verify else None
         places = {"texture": texture_path, "mesh": mesh_path}
         document = bake_report(scene, baked, options, places, outputs.files, verified, watch.seconds(), warnings)
         if report_path is not None:
@@ -120,6 +125,7 @@ def bake_scene(
     """
     progress = progress or Progress()
     watch = watch or Stopwatch(progress)
+    scene = assign_roles(scene, options, share=options.instances == "share")
     normals = shading_normals(scene, options.normals, options.crease_angle)
     surface = UnitSurface.of(scene, normals)
     directions = axes(options.directions, options.sampling, options.seed)
@@ -141,33 +147,41 @@ def bake_scene(
             options.width * options.height,
             len(texels),
             maps=8 * shadow_size**2,
-            triangles=len(scene.faces),
+            triangles=len(surface.occluders),
         )
-        sides = [surface, surface.turned()] if options.two_sided else [surface]
 
-        def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made
-            observer = backend.observer(side, most, shadow_size)
-            return gather(observer, sampler, scene, atlas, texels, directions, most, options, progress)
+        def look(side: UnitSurface) -> list[Gathered]:  # its observer is gone before the next side's is made
+            observer, faces, some = backend.observer(side, most, shadow_size), None, texels
+            if side is not surface:
+                faces = lit_backs(observer, sampler, scene, texels, directions, most, progress)
+                owner = sampler.samples(texels, CENTER).faces
+                some = texels.some((owner < 0) | faces[owner])
+            if not len(some):
+                return []
+            return [gather(observer, sampler, scene, atlas, some, directions, most, options, progress, faces)]
 
+        sides = [surface, surface.turned()] if (scene.two_sided & scene.receives).any() else [surface]
         times = len(runs(len(texels), most))
         unit = "directions" if times == 1 else f"directions, {times} times to save memory"
-        with watch.stage("visibility", times * len(sides) * 2 * len(directions), unit):
-            seen = [look_from(side) for side in sides]
+        looks = len(directions) + (len(sides) - 1) * (len(directions) + min(GROUP, len(directions)))
+        with watch.stage("visibility", times * 2 * looks, unit):
+            seen = [gathered for side in sides for gathered in look(side)]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
             f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
         )
     with watch.stage("finish"):
-        paintings = [paint(texels, side.values, side.measured, side.reconstruction) for side in seen]
+        paintings = [paint(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
         texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
     baked = Baked(
+        scene=scene,
         texture=texture,
         atlas=atlas,
         normals=normals,
         directions=max(side.directions for side in seen),
         error=max((side.error for side in seen if side.error is not None), default=None),
-        unseen=_unseen(seen),
+        unseen=_unseen(seen, options.width * options.height),
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
@@ -175,20 +189,20 @@ def bake_scene(
     return replace(baked, warnings=bake_warnings(scene, baked, options, overlap))
 
 
-def _unseen(sides: list[Gathered]) -> float:
+def _unseen(sides: list[Gathered], size: int) -> float:
     """Return the share of the measured texels that no side sees light from."""
-    measured = np.any([side.measured for side in sides], axis=0)
-    dark = np.all([side.values < _DARK for side in sides], axis=0)
-    return float(dark[measured].mean())
+    measured, lit = np.zeros(size, bool), np.zeros(size, bool)
+    for side in sides:
+        measured[side.texels.index[side.measured]] = True
+        lit[side.texels.index[side.measured & (side.values >= _DARK)]] = True
+    return float(1 - lit[measured].mean())
 
 
-def _verified(
-    scene: Scene, baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch
-) -> Verified:
+def _verified(baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch) -> Verified:
     """Measure the picture that a bake has written."""
-    asked = VerifyOptions(estimator=options.estimator, two_sided=options.two_sided, threads=options.threads)
-    with watch.stage("verify", asked.points * (2 if asked.two_sided else 1), "points"):
-        return verify_scene(scene, baked.atlas, baked.normals, picture, asked, progress)
+    asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
+    with watch.stage("verify", asked.points, "points"):
+        return verify_scene(baked.scene, baked.atlas, baked.normals, picture, asked, progress)
 
 
 def _describe(atlas: Atlas, padding: int) -> str:

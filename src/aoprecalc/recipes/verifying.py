@@ -30,6 +30,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.recipes.stopwatch import Stopwatch
 from aoprecalc.recipes.verify_report import verify_report
 from aoprecalc.surface.normals import face_directions, shading_normals
+from aoprecalc.surface.roles import assign_roles
 from aoprecalc.texspace.layout import as_atlas, lay_out
 from aoprecalc.texspace.scanline import ScanlineRaster
 
@@ -69,14 +70,14 @@ def verify(
         choose_depth(places["heat_map"], "8")
     with Outputs() as outputs:
         with watch.stage("load"):
-            scene = load_scene(mesh)
+            scene = assign_roles(load_scene(mesh), options)
             found = find_occlusion(scene, None if texture is None else Path(texture))
         outputs.protect([*source_files(scene), *([] if found.path is None else [found.path])])
         for name, place in places.items():
             claim(outputs, wanted[name][0], place)
         atlas, left_out = _atlas(scene, found)
         normals = shading_normals(scene, options.normals, options.crease_angle)
-        with watch.stage("rays", options.points * (2 if options.two_sided else 1), "points"):
+        with watch.stage("rays", options.points, "points"):
             verified = verify_scene(scene, atlas, normals, found.values, options, progress)
         if "heat_map" in places:
             with watch.stage("heat map"):
@@ -95,6 +96,7 @@ def verify_scene(
 ) -> Verified:
     """Measure a picture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
+    scene     with the roles of its parts; see `assign_roles`
     atlas     how the picture lies on the scene; the faces that it covers are measured, some of them have area
     normals   (f, 3, 3) float32: the shading normals at the corners
     Raises RendererError where rays cannot be cast.
@@ -120,13 +122,13 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
     """
     has_area = face_directions(scene.corners)[1]
     placed = np.isfinite(found.uvs).all(axis=(1, 2)) & (found.uvs != found.uvs[:, :1]).any(axis=(1, 2))
-    covers = found.shown & has_area & placed
+    covers = found.shown & scene.receives & has_area & placed
     if not covers.any():
         raise InputError(
             f"{scene.path}: none of its {len(scene.faces)} faces has area and a place in {found.name}; "
             "bake it, or export it with UVs"
         )
-    homeless = np.count_nonzero(found.shown & has_area & ~placed)
+    homeless = np.count_nonzero(found.shown & scene.receives & has_area & ~placed)
     said = [f"{homeless} of {len(scene.faces)} faces have no place in the texture and are left out"] if homeless else []
     return as_atlas(scene, found.uvs, covers), said
 

@@ -1,7 +1,8 @@
 """Changes a glTF document: the vertices of what was baked get UVs and normals, all else stays as it was."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from aoprecalc.files.damage import check_indices
 from aoprecalc.files.gltf.accessors import doubles, raw_rows, view_bytes
 from aoprecalc.files.gltf.buffer import GltfBuffer
 from aoprecalc.files.gltf.document import GltfDocument, Json
-from aoprecalc.files.gltf.reader import GEOMETRY_EXTENSIONS, INSTANCING, GltfSource
+from aoprecalc.files.gltf.nodes import INSTANCING
+from aoprecalc.files.gltf.reader import GEOMETRY_EXTENSIONS, SWAPPED, GltfSource
 from aoprecalc.model import Atlas, Doubles, Floats, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.
@@ -27,43 +29,46 @@ def edit_document(
 
     normals   (f, 3, 3) float32, in the world
 
-    Vertices are split along new seams, and everything they have (morph targets as well) goes along byte by byte.
-    Instances of a mesh become meshes of their own, as each has its own place in the atlas. Where the file's own UVs
-    and normals were used, no vertex is touched.
+    Vertices of the parts that receive are split along new seams, and everything they have (morph targets as well) goes
+    along byte by byte. Instances of a mesh whose parts have places of their own in the atlas become meshes of their
+    own. Where the file's own UVs and normals were used, no vertex is touched.
 
     Returns (json, buffer, sets, warnings): `sets` tells for each (mesh, primitive) which TEXCOORD_n the texture is for.
     """
     json = deepcopy(document.json)
-    new_uvs = atlas.method != "keep"
-    same_normals = scene.normals is not None and np.array_equal(scene.normals, normals)
-    new_normals = not (same_normals and all(_has_whole_normals(document, part) for part in scene.parts))
-    if not (new_uvs or new_normals):
-        sets = {place: 0 for place in map(_place, scene.parts) if "TEXCOORD_0" in _primitive(json, place)["attributes"]}
+    receiving = [part for part in scene.parts if part.receives]
+    new_normals = scene.normals is None or not all(
+        np.array_equal(scene.normals[part.faces], normals[part.faces]) and _has_whole_normals(document, part)
+        for part in receiving
+    )
+    if atlas.uv_set is not None and not new_normals:
+        places = _own_meshes(json, scene.parts, [part if part.receives else None for part in scene.parts], apart=False)
+        name = f"TEXCOORD_{atlas.uv_set}"
+        sets = {at: atlas.uv_set for at in places.values() if name in _primitive(json, at)["attributes"]}
         return json, _carry_views(document, json, set(), set()), sets, ()
 
-    places = _own_meshes(json, scene.parts)
-    originals = [_primitive(document.json, _place(part)) for part in scene.parts]
-    for place in places:
+    owners = [scene.parts[part.shares] if part.shares is not None else part for part in scene.parts]
+    places = _own_meshes(json, scene.parts, [owner if owner.receives else None for owner in owners], apart=True)
+    originals = {part: _primitive(document.json, _place(part)) for part in places}
+    for place in places.values():
         _primitive(json, place).update(attributes={}, targets=[], indices=None)
     still_used = set(_accessors_used(json))
-    free = {index for original in originals for index in _primitive_accessors(original)} - still_used
+    free = {index for original in originals.values() for index in _primitive_accessors(original)} - still_used
     buffer = _carry_views(document, json, free, _views_freed(json, free))
 
     sets = {}
-    for part, original, place in zip(scene.parts, originals, places, strict=True):
-        attributes = original["attributes"]
-        number = next(number for number in range(len(attributes) + 1) if f"TEXCOORD_{number}" not in attributes)
-        if new_uvs or "TEXCOORD_0" in attributes:
-            sets[place] = number if new_uvs else 0
-        faces = slice(part.start, part.stop)
+    for part, place in places.items():
+        attributes = originals[part]["attributes"]
+        free_set = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
+        sets[place] = free_set if atlas.uv_set is None else atlas.uv_set
         primitive = _rewrite(
             document,
             buffer,
             part,
-            original,
-            atlas.uvs[faces] if new_uvs else None,
-            normals[faces] if new_normals else None,
-            f"TEXCOORD_{number}",
+            originals[part],
+            atlas.uvs[part.faces] if atlas.uv_set is None else None,
+            normals[part.faces] if new_normals else None,
+            f"TEXCOORD_{free_set}",
         )
         json["meshes"][place[0]]["primitives"][place[1]] = primitive
     far = sum(number >= SETS_EVERYWHERE for number in sets.values())
@@ -98,7 +103,7 @@ def _rewrite(
     attributes = {name: pick(index) for name, index in original["attributes"].items() if name not in values}
     for name, corner_values in values.items():
         attributes[name] = buffer.add_floats(corner_values.reshape(len(part.vertices) * 3, -1)[split.corner])
-    triangles = split.triangles[:, [0, 2, 1]] if source.mirrored else split.triangles
+    triangles = split.triangles[:, SWAPPED] if source.mirrored else split.triangles
     primitive = deepcopy(original) | {"attributes": attributes, "indices": buffer.add_triangles(triangles)}
     primitive.pop("mode", None)
     if "targets" in original:
@@ -122,18 +127,41 @@ def _local_normals(source: GltfSource, part: Part, normals: Floats) -> Floats:
     return np.where(lengths > 0, local / np.where(lengths > 0, lengths, 1), normals).astype(np.float32)
 
 
-def _own_meshes(json: Json, parts: tuple[Part, ...]) -> list[Place]:
-    """Give every node that was baked a mesh of its own; return where each part's primitive is now."""
-    owners: dict[int, int] = {}
-    meshes: dict[int, int] = {}
-    for source in map(_source, parts):
-        if source.node in meshes:
-            continue
-        meshes[source.node] = source.mesh
-        if owners.setdefault(source.mesh, source.node) != source.node:
-            json["meshes"].append(deepcopy(json["meshes"][source.mesh]))
-            meshes[source.node] = json["nodes"][source.node]["mesh"] = len(json["meshes"]) - 1
-    return [(meshes[source.node], source.primitive) for source in map(_source, parts)]
+def _own_meshes(json: Json, parts: Sequence[Part], holders: Sequence[Part | None], *, apart: bool) -> dict[Part, Place]:
+    """Give nodes that show the same mesh with different places in the atlas a mesh each.
+
+    holders   for each part the one whose vertices it shows; None: those of the file
+    apart     holders of their own need meshes of their own; else all holders of a primitive are as good as one
+
+    Returns where each holder's primitive is now.
+    """
+    shown: dict[int, dict[int, Part | None]] = {}  # of each node: its primitives' holders
+    mesh_of: dict[int, int] = {}
+    for part, holder in zip(parts, holders, strict=True):
+        source = _source(part)
+        shown.setdefault(source.node, {})[source.primitive] = holder
+        mesh_of[source.node] = source.mesh
+    for node, entry in enumerate(json.get("nodes", [])):  # nodes outside the scene keep what they show
+        if node not in shown and entry.get("mesh") is not None:
+            shown[node], mesh_of[node] = {}, entry["mesh"]
+
+    made: dict[tuple[int, tuple[tuple[int, Part | bool], ...]], int] = {}
+    taken: set[int] = set()
+    places: dict[Part, Place] = {}
+    for node in sorted(shown, key=lambda node: any(shown[node].values())):  # the file's own vertices come first
+        mesh = mesh_of[node]
+        look = {number: holder for number, holder in shown[node].items() if holder is not None}
+        key = mesh, tuple((number, holder if apart else True) for number, holder in sorted(look.items()))
+        if key not in made:
+            made[key] = mesh
+            if mesh in taken:
+                json["meshes"].append(deepcopy(json["meshes"][mesh]))
+                made[key] = len(json["meshes"]) - 1
+            taken.add(mesh)
+        json["nodes"][node]["mesh"] = made[key]
+        for number, holder in look.items():
+            places.setdefault(holder, (made[key], number))
+    return places
 
 
 def _carry_views(document: GltfDocument, json: Json, free_accessors: set[int], free_views: set[int]) -> GltfBuffer:

@@ -1,29 +1,63 @@
 """Where the nodes of a glTF document's scene stand in the world."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from aoprecalc.files.damage import damaged
+from aoprecalc.files.gltf.accessors import doubles
 from aoprecalc.files.gltf.document import GltfDocument, Json
 from aoprecalc.model import Doubles
 
+INSTANCING = "EXT_mesh_gpu_instancing"
+_PLACES = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
 
-def world_matrices(document: GltfDocument) -> dict[int, Doubles]:
-    """Return the (4, 4) float64 local-to-world matrix of each node of the scene that is shown, parents first.
+
+@dataclass(frozen=True, eq=False)
+class PlacedNode:
+    """A node of the scene that is shown.
+
+    matrix   (4, 4) float64, local to world
+    names    its own and those of the nodes above it
+    """
+
+    matrix: Doubles
+    names: frozenset[str]
+
+
+def placed_nodes(document: GltfDocument) -> dict[int, PlacedNode]:
+    """Return each node of the scene that is shown by its number, parents first.
 
     Raises InputError where the nodes do not form trees.
     """
-    waiting = [(root, np.eye(4)) for root in reversed(_roots(document))]
-    placed: dict[int, Doubles] = {}
+    waiting = [(root, PlacedNode(np.eye(4), frozenset())) for root in reversed(_roots(document))]
+    placed: dict[int, PlacedNode] = {}
     while waiting:
         index, parent = waiting.pop()
         if index in placed:
             raise damaged(document.path, f"node {index} is reached twice, a tree of nodes was expected")
         node = document.entry("nodes", index)
-        placed[index] = parent @ _local_matrix(node)
+        names = parent.names | ({node["name"]} if node.get("name") else set())
+        placed[index] = PlacedNode(parent.matrix @ _local_matrix(node), names)
         waiting.extend((child, placed[index]) for child in reversed(node.get("children", [])))
     return placed
+
+
+def instance_matrices(document: GltfDocument, node: Json) -> Doubles | None:
+    """Return where a node repeats its mesh, (n, 4, 4) float64 in its own space; None where it shows it once.
+
+    (EXT_mesh_gpu_instancing: any of TRANSLATION, ROTATION and SCALE, one row for each repetition.)
+    """
+    attributes = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
+    given = {name: doubles(document, index) for name, index in attributes.items() if name in _PLACES}
+    if not given:
+        return None
+    counts = {name: len(rows) for name, rows in given.items()}
+    if len(set(counts.values())) > 1:
+        raise damaged(document.path, f"{INSTANCING} has rows of different numbers: {counts}")
+    rows = zip(*given.values(), strict=True)
+    return np.array([_local_matrix(dict(zip((_PLACES[name] for name in given), row, strict=True))) for row in rows])
 
 
 def _roots(document: GltfDocument) -> list[int]:

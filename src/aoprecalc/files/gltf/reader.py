@@ -1,6 +1,8 @@
 """Reads glTF 2.0: every triangle primitive of every node of the scene, placed in the world, in its rest pose."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import count, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +12,17 @@ from aoprecalc.errors import InputError
 from aoprecalc.files.damage import check_indices, damaged
 from aoprecalc.files.gltf.accessors import doubles, numbers
 from aoprecalc.files.gltf.document import GltfDocument, Json, parse_gltf
-from aoprecalc.files.gltf.nodes import world_matrices
+from aoprecalc.files.gltf.looks import Looks, mirrored_look
+from aoprecalc.files.gltf.nodes import PlacedNode, instance_matrices, placed_nodes
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.polygons import fan_triangles, strip_triangles
-from aoprecalc.model import Doubles, Scene
+from aoprecalc.model import Doubles, Look, Part, Scene
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 # Extensions without which the positions cannot be read; where a document can do without, its plain data is used.
 GEOMETRY_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-INSTANCING = "EXT_mesh_gpu_instancing"
+SWAPPED = [0, 2, 1]  # corners of a face in a mirrored placement
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,33 +31,37 @@ class GltfSource:
 
     node, mesh, primitive   numbers in the document
     linear                  (3, 3) local-to-world of directions, or (n, 3, 3) for each vertex of a skinned mesh
-    mirrored                the placement turns right into left, so the corners 1 and 2 of its faces were exchanged
     """
 
     node: int
     mesh: int
     primitive: int
     linear: Doubles
-    mirrored: bool
+
+    @property
+    def mirrored(self) -> bool:
+        """The placement turns right into left, so the corners 1 and 2 of its faces were exchanged."""
+        return bool(np.linalg.det(self.linear.reshape(-1, 3, 3)[:1])[0] < 0)
 
 
 def read_gltf(path: Path, data: bytes) -> Scene:
     """Read a glTF or GLB file of the given bytes.
 
-    Skinned meshes stand as their joints do in the file, morph targets are not applied, points and lines are left out.
+    Skinned and morphed meshes stand as their joints and weights do in the file, points and lines are left out.
 
     Raises InputError where it is damaged, needs an extension that is not read, or has no usable faces.
     """
     document = parse_gltf(path, data)
     for extension in document.json.get("extensionsRequired", []):
-        if extension in (*GEOMETRY_EXTENSIONS, INSTANCING):
+        if extension in GEOMETRY_EXTENSIONS:
             raise InputError(f"{path}: needs the extension {extension}, which is not read; export it without")
 
-    matrices = world_matrices(document)
+    nodes = placed_nodes(document)
+    looks = Looks(document)
     pieces: list[Piece] = []
     others = 0
-    for node_index, matrix in matrices.items():
-        node = document.entry("nodes", node_index)
+    for number, placed in nodes.items():
+        node = document.entry("nodes", number)
         if "mesh" not in node:
             continue
         mesh = document.entry("meshes", node["mesh"])
@@ -63,36 +70,93 @@ def read_gltf(path: Path, data: bytes) -> Scene:
             if primitive.get("mode", TRIANGLES) not in (TRIANGLES, STRIP, FAN):
                 others += 1
             elif "POSITION" in primitive["attributes"]:
-                placement = _placement(document, node, primitive, matrix, matrices)
-                piece_name = f"{name}.{index}" if len(mesh["primitives"]) > 1 else name
-                pieces.append(_piece(document, primitive, piece_name, placement, (node_index, node["mesh"], index)))
+                shape = _shape(document, node, mesh, primitive)
+                own_name = f"{name}.{index}" if len(mesh["primitives"]) > 1 else name
+                names = {own_name, mesh.get("name"), looks.name(primitive), *placed.names}
+                look = looks.look(primitive, shape.vertices)
+                for placement in _placements(document, node, primitive, nodes, number):
+                    source = GltfSource(number, node["mesh"], index, placement[..., :3, :3])
+                    pieces.append(_piece(document, own_name, names, shape, placement, source, look))
     warnings = [f"{others} primitives of points or lines are left as they are"] if others else []
-    return build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
+    warnings += looks.warnings
+    scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
+    return replace(scene, parts=_instances(scene.parts))
+
+
+def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    """Tell those parts that show a primitive again which part showed it first, and which within the same node."""
+    first: dict[tuple[int, ...], int] = {}
+    result = []
+    for number, part in enumerate(parts):
+        source = part.source
+        assert isinstance(source, GltfSource)
+        anywhere = first.setdefault((source.mesh, source.primitive), number)
+        here = first.setdefault((source.mesh, source.primitive, source.node), number)
+        earlier = [None if other == number else other for other in (anywhere, here)]
+        result.append(replace(part, instance_of=earlier[0], repeats=earlier[1]))
+    return tuple(result)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """A primitive in its own space: its vertices' places and normals (n, 3), UV sets (n, 2), and (f, 3) triangles."""
+
+    positions: Doubles
+    normals: Doubles | None
+    uv_sets: tuple[Doubles, ...]
+    vertices: NDArray[np.int64]
+
+
+def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _Shape:
+    """Return a primitive with its morph targets applied as far as the file's own weights ask for."""
+    attributes = primitive["attributes"]
+    _require_plain_data(document, primitive)
+    weights: list[float] = node["weights"] if "weights" in node else mesh.get("weights", [])
+    positions = _morphed(document, primitive, "POSITION", weights)
+    normals = _morphed(document, primitive, "NORMAL", weights) if "NORMAL" in attributes else None
+    names = (f"TEXCOORD_{number}" for number in count())
+    sets = takewhile(lambda name: name in attributes, names)
+    uv_sets = tuple(doubles(document, attributes[name]) * (1, -1) + (0, 1) for name in sets)
+    vertices = _triangles(document, primitive, len(positions))
+    for values in (positions, *uv_sets, *(() if normals is None else (normals,))):
+        check_indices(document.path, vertices, len(values))
+    return _Shape(positions, normals, uv_sets, vertices)
+
+
+def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Doubles:
+    """Return an attribute plus its morph targets' differences times their weights."""
+    values = doubles(document, primitive["attributes"][name])
+    for target, weight in zip(primitive.get("targets", []), weights, strict=False):
+        if weight and name in target:
+            difference = doubles(document, target[name])
+            if len(difference) != len(values):
+                raise damaged(
+                    document.path, f"a morph target has {len(difference)} vertices, {len(values)} were expected"
+                )
+            values = values + weight * difference
+    return values
 
 
 def _piece(
-    document: GltfDocument, primitive: Json, name: str, placement: Doubles, place: tuple[int, int, int]
+    document: GltfDocument,
+    name: str,
+    names: set[str | None],
+    shape: _Shape,
+    placement: Doubles,
+    source: GltfSource,
+    look: Look,
 ) -> Piece:
-    """Return one primitive placed by a (4, 4) or (n, 4, 4) matrix."""
-    attributes = primitive["attributes"]
-    _require_plain_data(document, primitive)
-    local = doubles(document, attributes["POSITION"])
-    linear = placement[..., :3, :3]
-    positions = np.einsum("...ij,...j->...i", linear, local) + placement[..., :3, 3]
-    vertices = _triangles(document, primitive, len(local))
-    check_indices(document.path, vertices, len(local))
-    mirrored = bool(np.linalg.det(linear.reshape(-1, 3, 3)[:1])[0] < 0)
-    if mirrored:
-        vertices = vertices[:, [0, 2, 1]]
-
-    normals = uvs = None
-    if "NORMAL" in attributes:
-        turned = np.einsum("...ij,...j->...i", _cofactors(linear), doubles(document, attributes["NORMAL"]))
-        normals = _per_corner(document, -turned if mirrored else turned, vertices)
-    if "TEXCOORD_0" in attributes:
-        uvs = _per_corner(document, doubles(document, attributes["TEXCOORD_0"]), vertices).copy()
-        uvs[:, :, 1] = 1.0 - uvs[:, :, 1]
-    return Piece(name, positions, vertices, normals, uvs, GltfSource(*place, linear, mirrored))
+    """Return a primitive placed by a (4, 4) or (n, 4, 4) matrix."""
+    linear, vertices = source.linear, shape.vertices
+    positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
+    if source.mirrored:
+        vertices, look = vertices[:, SWAPPED], mirrored_look(look)
+    normals = None
+    if shape.normals is not None:
+        turned = np.einsum("...ij,...j->...i", _cofactors(linear), shape.normals)
+        normals = (-turned if source.mirrored else turned)[vertices]
+    uv_sets = tuple(values[vertices] for values in shape.uv_sets)
+    return Piece(name, positions, vertices, normals, uv_sets, source, names, look)
 
 
 def _require_plain_data(document: GltfDocument, primitive: Json) -> None:
@@ -109,11 +173,6 @@ def _require_plain_data(document: GltfDocument, primitive: Json) -> None:
             )
 
 
-def _per_corner(document: GltfDocument, values: Doubles, vertices: NDArray[np.int64]) -> Doubles:
-    check_indices(document.path, vertices, len(values))
-    return values[vertices]
-
-
 def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[np.int64]:
     """Return the (f, 3) vertices of a primitive's triangles."""
     indices = np.arange(count)
@@ -127,17 +186,26 @@ def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[n
     return indices[: len(indices) // 3 * 3].reshape(-1, 3)
 
 
-def _placement(
-    document: GltfDocument, node: Json, primitive: Json, matrix: Doubles, matrices: dict[int, Doubles]
+def _placements(
+    document: GltfDocument, node: Json, primitive: Json, nodes: dict[int, PlacedNode], number: int
+) -> Iterator[Doubles]:
+    """Yield the (4, 4) local-to-world matrices of a primitive, or (n, 4, 4) for the vertices of a skinned one."""
+    attributes, matrix = primitive["attributes"], nodes[number].matrix
+    if "skin" in node and "JOINTS_0" in attributes and "WEIGHTS_0" in attributes:
+        yield _skinned(document, node, attributes, matrix, nodes)
+        return
+    repeated = instance_matrices(document, node)
+    yield from [matrix] if repeated is None else matrix @ repeated
+
+
+def _skinned(
+    document: GltfDocument, node: Json, attributes: Json, matrix: Doubles, nodes: dict[int, PlacedNode]
 ) -> Doubles:
-    """Return the (4, 4) local-to-world matrix of a primitive, or (n, 4, 4) for the vertices of a skinned one."""
-    attributes = primitive["attributes"]
-    if "skin" not in node or "JOINTS_0" not in attributes or "WEIGHTS_0" not in attributes:
-        return matrix
+    """Return the (n, 4, 4) matrices by which a skin places the vertices of a primitive."""
     skin = document.entry("skins", node["skin"])
-    if any(joint not in matrices for joint in skin["joints"]):
+    if any(joint not in nodes for joint in skin["joints"]):
         raise damaged(document.path, f"skin {node['skin']} has joints outside the scene")
-    joints = np.stack([matrices[joint] for joint in skin["joints"]])
+    joints = np.stack([nodes[joint].matrix for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         inverse = doubles(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
         joints = joints @ inverse[: len(joints)]

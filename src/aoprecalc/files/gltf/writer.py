@@ -11,10 +11,11 @@ from aoprecalc.files.gltf.fresh import fresh_document, show_texture
 from aoprecalc.files.gltf.materials import occlude
 from aoprecalc.files.gltf.picture import add_texture, carry_images
 from aoprecalc.model import Atlas, Floats, Scene
+from aoprecalc.options import Pack
 
 
 def write_gltf(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
 ) -> tuple[str, ...]:
     """Write a .gltf or .glb with the texture as occlusion texture; return what the user should know.
 

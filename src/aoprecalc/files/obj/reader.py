@@ -76,7 +76,10 @@ def read_obj(path: Path, data: bytes) -> Scene:
     for section, start, stop in _runs(lines.sections, len(counts)):
         first, last = np.searchsorted(owners, [start, stop])
         position, uv, normal = np.moveaxis(corners[triangles[first:last]], 2, 0)
-        pieces.append(Piece(section.name, positions, position, _look_up(normals, normal), _look_up(uvs, uv), section))
+        at_corners = _look_up(uvs, uv)
+        uv_sets = () if at_corners is None else (at_corners,)
+        names = (section.object, section.group, section.material)
+        pieces.append(Piece(section.name, positions, position, _look_up(normals, normal), uv_sets, section, names))
     if not pieces:
         pieces = [Piece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
     libraries = tuple(path.parent / library for library in lines.libraries)

@@ -14,13 +14,14 @@ from aoprecalc.files.obj.materials import Material
 from aoprecalc.files.obj.reader import ObjDocument, Section
 from aoprecalc.files.references import relative_path
 from aoprecalc.model import Atlas, Floats, Part, Scene
+from aoprecalc.options import Pack
 
 # MTL statements that name another texture; it was made for other UVs.
 _OTHER_MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
 
 
 def write_obj(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
 ) -> tuple[str, ...]:
     """Write an OBJ and, beside it, an MTL of the same stem; return what the user should know.
 

@@ -58,10 +58,11 @@ def read_ply(path: Path, data: bytes) -> Scene:
     if all(name in vertex.columns for name in VERTEX_NORMALS):
         normals = np.column_stack([vertex.columns[name] for name in VERTEX_NORMALS])[vertices]
 
+    uv_sets = () if corner_uvs is None else (corner_uvs,)
     known = {*"xyz", *VERTEX_NORMALS, *(uv_names or ())}
     others = {name: column for name, column in vertex.columns.items() if name not in known}
     document = PlyDocument(others, _texture_file(path, data))
-    return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, corner_uvs)], document)
+    return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, uv_sets)], document)
 
 
 def _faces(positions: Doubles, tables: dict[str, Table]) -> tuple[NDArray[np.int64], Doubles | None]:

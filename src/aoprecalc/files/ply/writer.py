@@ -12,12 +12,13 @@ from aoprecalc.files.ply.reader import PlyDocument
 from aoprecalc.files.ply.table import TYPES
 from aoprecalc.files.references import relative_path
 from aoprecalc.model import Atlas, Doubles, Floats, Scene
+from aoprecalc.options import Pack
 
 _NAMES = {code: name for name, code in TYPES.items() if not name[-1].isdigit()}
 
 
 def write_ply(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
 ) -> tuple[str, ...]:
     """Write a PLY whose vertices are split where UVs or normals differ; return what the user should know: nothing.
 
