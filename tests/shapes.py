@@ -1,5 +1,6 @@
 """Meshes with known answers, made in code. A shape is (positions (v, 3), faces (f, 3)), counter-clockwise outside."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,17 @@ def scene(positions, faces, uvs=None, normals=None) -> Scene:
     part = Part("made", 0, len(faces), faces)
     normals = None if normals is None else np.asarray(normals, np.float32)
     return Scene(Path("made.obj"), "obj", positions, faces, normals, () if uvs is None else (uvs,), (part,))
+
+
+def scene_of_parts(*shapes, uvs=None) -> Scene:
+    """Make a Scene with a part for each shape."""
+    whole = scene(*join(*shapes), uvs)
+    stops = np.cumsum([len(faces) for _, faces in shapes])
+    parts = [
+        Part(f"part {number}", stop - len(faces), stop, np.asarray(faces, np.int32))
+        for number, ((_, faces), stop) in enumerate(zip(shapes, stops.tolist(), strict=True))
+    ]
+    return replace(whole, parts=tuple(parts))
 
 
 def quad(origin, right, up, cells=1):

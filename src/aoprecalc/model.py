@@ -45,15 +45,13 @@ class Cutout:
 class Look:
     """What light does at a part, as its material says.
 
-    glass       light passes through
-    unlit       ambient light has no part in its colour
-    two_sided   its back is shown as well
-    cutout      None where it has no holes
+    glass    light passes through
+    unlit    ambient light has no part in its colour
+    cutout   None where it has no holes
     """
 
     glass: bool = False
     unlit: bool = False
-    two_sided: bool = False
     cutout: Cutout | None = None
 
 
@@ -65,7 +63,7 @@ class Part:
     start, stop   the faces scene.faces[start:stop]
     vertices      (stop - start, 3) int32: which of the piece's own vertices in the file stands at each corner
     source        what the reader of that kind of file needs to find the piece again; opaque to others
-    names         all that a user may call it by: its name, those of its groups, of the nodes above it, of its material
+    names         what else a user may call it by: its groups, the nodes above it, its mesh, its material
     look          what its material says
     instance_of   the number of the first part that shows the same piece of the file elsewhere; None for that itself
     repeats       the same for parts that the file cannot tell apart; None for the first of them and where it can
@@ -145,11 +143,6 @@ class Scene:
         """(f,) bool: the faces that are in the light's way, but for the holes of cut-outs."""
         return self.of_parts(part.occludes for part in self.parts)
 
-    @property
-    def two_sided(self) -> Mask:
-        """(f,) bool: the faces whose backs are shown as well."""
-        return self.of_parts(part.look.two_sided for part in self.parts)
-
 
 @dataclass(frozen=True)
 class UvCheck:
@@ -208,8 +201,8 @@ class Texels:
     def __len__(self) -> int:
         return len(self.index)
 
-    def some(self, chosen: slice | Mask) -> "Texels":
-        """Return those of a run, or of a (k,) mask."""
+    def some(self, chosen: slice) -> "Texels":
+        """Return a run of them."""
         return Texels(self.width, self.height, self.index[chosen])
 
 

@@ -76,8 +76,7 @@ class LightOptions:
     exclude         names of parts that neither receive nor occlude
     occluders_only  names of parts that occlude and do not receive
     glass_occludes  parts that light passes through (glTF: BLEND, transmission) occlude as others do
-    two_sided       both sides of every face receive light: a texel has the larger of the two sides' values; else only
-                    of those whose material shows both (glTF: doubleSided)
+    two_sided       both sides of a face receive light: a texel has the larger of the two sides' values
     ground          the scene stands on an endless floor: no light comes from below
     up              the axis that points away from that floor; auto: y, and z for STL
     """

@@ -163,7 +163,7 @@ def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
     parts, start = [], 0
     for piece in pieces:
         stop = start + len(piece.vertices)
-        names = frozenset(name for name in (piece.name, *piece.names) if name)
+        names = frozenset(name for name in piece.names if name)
         parts.append(Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source, names, piece.look))
         start = stop
     return tuple(parts)

@@ -1,13 +1,17 @@
-"""Instances that have one place in the texture together take turns at it: each group of axes looks from another one."""
+"""Instances that have one place in the texture together take turns at it: each looks along some of the axes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from aoprecalc.model import Ints, Mask, Scene
-from aoprecalc.occlusion.axes import groups
+from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.occlusion.observer import Observer
+from aoprecalc.progress import Progress
+from aoprecalc.surface.directions import GOLDEN
 from aoprecalc.texspace.samples import Samples
 
+MOST = 8  # of a group's 64 axes each has eight then, as many as a batch of maps
 _SWAPPED = [0, 2, 1]
 
 
@@ -23,18 +27,13 @@ class Turns:
     swapped: Mask
 
     @classmethod
-    def of(cls, scene: Scene, axes: int) -> "Turns | None":
-        """Let the sharers of a place follow each other, evenly chosen where they are more than turns; None: none share.
-
-        A turn takes two groups of axes, as their difference is to tell the error of sampling, not that of sharing.
-        """
+    def of(cls, scene: Scene) -> Self:
+        """Let up to MOST sharers of a place take turns, evenly chosen where they are more."""
         sharers: dict[int, list[int]] = {}
         for number, part in enumerate(scene.parts):
             if part.shares is not None:
                 sharers.setdefault(part.shares, [part.shares]).append(number)
-        if not sharers:
-            return None
-        turns = min(max(map(len, sharers.values())), -(-len(groups(axes)) // 2))
+        turns = min(max(map(len, sharers.values()), default=1), MOST)
         faces = np.tile(np.arange(len(scene.faces), dtype=np.int32), (turns, 1))
         swapped = np.zeros(faces.shape, bool)
         for owner, those in sharers.items():
@@ -46,10 +45,21 @@ class Turns:
                 swapped[turn, own.faces] = (own.vertices != other.vertices).any(axis=1)
         return cls(faces, swapped)
 
-    def at(self, samples: Samples, turn: int) -> Samples:
+    def look(self, observer: Observer, samples: Samples, axes: Doubles, group: int, progress: Progress) -> Floats:
+        """Return what the samples see along the (a, 3) axes of group number `group`, see Observer."""
+        turns = len(self.faces)
+        if turns == 1:
+            return observer.look(samples, axes, progress)
+        # Every second axis, or every eighth, would be an uneven set; by the golden ratio they are even for any number.
+        whose = ((np.arange(len(axes)) * GOLDEN + group * GOLDEN**2) % 1.0 * turns).astype(int)
+        sums = np.zeros((len(samples.faces), 2), np.float32)
+        for turn in np.unique(whose).tolist():
+            sums += observer.look(self._at(samples, turn), axes[whose == turn], progress)
+        return sums
+
+    def _at(self, samples: Samples, turn: int) -> Samples:
         """Return the samples as those whose turn it is have them."""
-        turn %= len(self.faces)
         there = samples.faces >= 0
         swapped = there & self.swapped[turn][samples.faces]
         weights = np.where(swapped[:, None], samples.weights[:, _SWAPPED], samples.weights)
-        return replace(samples, faces=np.where(there, self.faces[turn][samples.faces], -1), weights=weights)
+        return Samples(np.where(there, self.faces[turn][samples.faces], np.int32(-1)), weights)

@@ -25,9 +25,8 @@ from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
 from aoprecalc.measure.errors import Verified
 from aoprecalc.model import Atlas, Baked, Floats, Scene
-from aoprecalc.occlusion.axes import GROUP, axes
+from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.backend import open_backend
-from aoprecalc.occlusion.backs import lit_backs
 from aoprecalc.occlusion.gathering import Gathered, gather
 from aoprecalc.occlusion.portion import portion, runs
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
@@ -43,7 +42,6 @@ from aoprecalc.surface.roles import assign_roles
 from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.finish import finish, lighter, paint
 from aoprecalc.texspace.layout import lay_out
-from aoprecalc.texspace.samples import CENTER
 
 _DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
 
@@ -106,7 +104,7 @@ def bake(
         warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
         verified = _verified(baked, read_image(written), options, progress, watch) if verify else None
         places = {"texture": texture_path, "mesh": mesh_path}
-        document = bake_report(scene, baked, options, places, outputs.files, verified, watch.seconds(), warnings)
+        document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
         if report_path is not None:
             write_report(outputs.path(report_path), document)
     for line in warnings:
@@ -150,29 +148,23 @@ def bake_scene(
             triangles=len(surface.occluders),
         )
 
-        def look(side: UnitSurface) -> list[Gathered]:  # its observer is gone before the next side's is made
-            observer, faces, some = backend.observer(side, most, shadow_size), None, texels
-            if side is not surface:
-                faces = lit_backs(observer, sampler, scene, texels, directions, most, progress)
-                owner = sampler.samples(texels, CENTER).faces
-                some = texels.some((owner < 0) | faces[owner])
-            if not len(some):
-                return []
-            return [gather(observer, sampler, scene, atlas, some, directions, most, options, progress, faces)]
+        sides = [surface, surface.turned()] if options.two_sided else [surface]
 
-        sides = [surface, surface.turned()] if (scene.two_sided & scene.receives).any() else [surface]
+        def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made
+            observer = backend.observer(side, most, shadow_size)
+            return gather(observer, sampler, scene, atlas, texels, directions, most, options, progress)
+
         times = len(runs(len(texels), most))
         unit = "directions" if times == 1 else f"directions, {times} times to save memory"
-        looks = len(directions) + (len(sides) - 1) * (len(directions) + min(GROUP, len(directions)))
-        with watch.stage("visibility", times * 2 * looks, unit):
-            seen = [gathered for side in sides for gathered in look(side)]
+        with watch.stage("visibility", times * len(sides) * 2 * len(directions), unit):
+            seen = [look_from(side) for side in sides]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
             f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
         )
     with watch.stage("finish"):
-        paintings = [paint(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
+        paintings = [paint(texels, side.values, side.measured, side.reconstruction) for side in seen]
         texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
     baked = Baked(
         scene=scene,
@@ -181,27 +173,25 @@ def bake_scene(
         normals=normals,
         directions=max(side.directions for side in seen),
         error=max((side.error for side in seen if side.error is not None), default=None),
-        unseen=_unseen(seen, options.width * options.height),
+        unseen=_unseen(seen),
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
     )
-    return replace(baked, warnings=bake_warnings(scene, baked, options, overlap))
+    return replace(baked, warnings=bake_warnings(baked, options, overlap))
 
 
-def _unseen(sides: list[Gathered], size: int) -> float:
+def _unseen(sides: list[Gathered]) -> float:
     """Return the share of the measured texels that no side sees light from."""
-    measured, lit = np.zeros(size, bool), np.zeros(size, bool)
-    for side in sides:
-        measured[side.texels.index[side.measured]] = True
-        lit[side.texels.index[side.measured & (side.values >= _DARK)]] = True
-    return float(1 - lit[measured].mean())
+    measured = np.any([side.measured for side in sides], axis=0)
+    dark = np.all([side.values < _DARK for side in sides], axis=0)
+    return float(dark[measured].mean())
 
 
 def _verified(baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch) -> Verified:
     """Measure the picture that a bake has written."""
-    asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
-    with watch.stage("verify", asked.points, "points"):
+    asked = VerifyOptions(estimator=options.estimator, two_sided=options.two_sided, threads=options.threads)
+    with watch.stage("verify", asked.points * (2 if asked.two_sided else 1), "points"):
         return verify_scene(baked.scene, baked.atlas, baked.normals, picture, asked, progress)
 
 

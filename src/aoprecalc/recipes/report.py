@@ -1,5 +1,6 @@
 """The report of a bake: what was read, chosen and measured, as one JSON document."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from aoprecalc import __version__
 from aoprecalc.atlas.gutter import first_unsafe_mip
 from aoprecalc.measure.errors import Verified
-from aoprecalc.model import Baked, Scene
+from aoprecalc.model import Baked, Part, UvCheck
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes.verify_report import verified_report
 from aoprecalc.surface.topology import topology
@@ -17,7 +18,6 @@ SCHEMA = 1
 
 
 def bake_report(
-    scene: Scene,
     baked: Baked,
     options: BakeOptions,
     places: dict[str, Path],
@@ -27,8 +27,8 @@ def bake_report(
     warnings: tuple[str, ...],
 ) -> dict[str, Any]:
     """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
+    scene, atlas, texture = baked.scene, baked.atlas, baked.texture
     shape = topology(scene.faces)
-    atlas, texture = baked.atlas, baked.texture
     values = texture.values[texture.valid]
     return {
         "schema": SCHEMA,
@@ -40,6 +40,7 @@ def bake_report(
             "components": shape.components,
             "watertight": shape.watertight,
         },
+        "parts": [_part(part) for part in scene.parts],
         "outputs": {**{name: str(path) for name, path in places.items()}, "others": _others(places, files)},
         "renderer": baked.renderer,
         "backend": baked.backend,
@@ -48,9 +49,12 @@ def bake_report(
         "sampling": options.sampling,
         "estimator": options.estimator,
         "two_sided": options.two_sided,
+        "floor": scene.floor,
         "shadow_size": baked.shadow_size,
         "unwrap": {
             "method": atlas.method,
+            "uv_set": atlas.uv_set,
+            "checks": [_check(check) for check in atlas.checks],
             "charts": atlas.charts,
             "used_share": round(float(np.count_nonzero(texture.valid)) / texture.valid.size, 4),
             "gutter": atlas.gutter,
@@ -74,3 +78,18 @@ def _others(places: dict[str, Path], files: list[Path]) -> list[str]:
     named = {path.resolve() for path in places.values()}
     folder = places["mesh"].parent
     return sorted(str(folder / file.name) for file in files if file not in named)
+
+
+def _part(part: Part) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "triangles": part.stop - part.start,
+        "receives": part.receives,
+        "occludes": part.occludes,
+        "shares": part.shares,
+    }
+
+
+def _check(check: UvCheck) -> dict[str, Any]:
+    found = asdict(check) | {"tiles": round(check.tiles, 4)}
+    return found if check.overlap is None else found | {"overlap": round(check.overlap, 6)}

@@ -4,24 +4,26 @@ import numpy as np
 
 from aoprecalc.atlas.choose import MOST_OVERLAP
 from aoprecalc.atlas.gutter import first_unsafe_mip
+from aoprecalc.atlas.unwrap import owns_place
 from aoprecalc.model import Baked, Scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.surface.normals import area_vectors, face_directions, geometric_normals
+from aoprecalc.surface.normals import area_vectors, geometric_normals
 from aoprecalc.surface.topology import topology
 
+_NAMED = 5  # parts
 _UNSEEN = 0.01  # share of texels without light from which on it is said
 
 
-def bake_warnings(scene: Scene, baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, ...]:
+def bake_warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, ...]:
     """Return one line for each thing; `overlap` is the share of texels that lie inside two faces."""
-    atlas, warnings = baked.atlas, []
+    scene, atlas, warnings = baked.scene, baked.atlas, _about_roles(baked.scene)
     if baked.directions - 1 == options.directions:
         asked = f"{options.directions} were asked for"
         warnings.append(f"{baked.directions} directions were used, as they come in pairs; {asked}")
     warnings += _about_target(baked, options)
     if overlap > MOST_OVERLAP:
         warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
-    left_out = np.count_nonzero(face_directions(scene.corners)[1] & ~atlas.covers)
+    left_out = np.count_nonzero(owns_place(scene) & ~atlas.covers)
     if left_out:
         warnings.append(
             f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
@@ -35,7 +37,24 @@ def bake_warnings(scene: Scene, baked: Baked, options: BakeOptions, overlap: flo
             f"with {atlas.charts} charts there is room for gutters of {atlas.gutter} texels only; charts may mix from "
             "mip level 1 on; a larger --size has more room"
         )
-    return (*warnings, *_about_sides(scene, baked, options))
+    return (*warnings, *_about_sides(baked, options))
+
+
+def _about_roles(scene: Scene) -> list[str]:
+    clear = [part.name for part in scene.parts if part.look.glass and not part.occludes]
+    unlit = [part.name for part in scene.parts if part.look.unlit]
+    said = []
+    if clear:
+        said.append(f"light passes through {_named(clear)} (--glass-occludes stops it)")
+    if unlit:
+        said.append(f"{_named(unlit)} without a texture: unlit")
+    return said
+
+
+def _named(parts: list[str]) -> str:
+    names = ", ".join(repr(name) for name in parts[:_NAMED])
+    more = f" and {len(parts) - _NAMED} more" if len(parts) > _NAMED else ""
+    return f"{len(parts)} part{'s' if len(parts) > 1 else ''} ({names}{more})"
 
 
 def _about_target(baked: Baked, options: BakeOptions) -> list[str]:
@@ -49,8 +68,8 @@ def _about_target(baked: Baked, options: BakeOptions) -> list[str]:
     ]
 
 
-def _about_sides(scene: Scene, baked: Baked, options: BakeOptions) -> list[str]:
-    if not options.two_sided and topology(scene.faces).watertight and _volume(scene, baked) < 0:
+def _about_sides(baked: Baked, options: BakeOptions) -> list[str]:
+    if not options.two_sided and topology(baked.scene.faces).watertight and _volume(baked) < 0:
         return ["the surface is closed and its faces look inwards: its inside was baked; turn them or use --two-sided"]
     if baked.unseen < _UNSEEN:
         return []
@@ -62,8 +81,9 @@ def _about_sides(scene: Scene, baked: Baked, options: BakeOptions) -> list[str]:
     return [f"{baked.unseen:.1%} of the texels see next to no direction: {why}"]
 
 
-def _volume(scene: Scene, baked: Baked) -> float:
+def _volume(baked: Baked) -> float:
     """Return three times the volume that a closed surface encloses, negative where its faces look inwards."""
+    scene = baked.scene
     corners = scene.corners - scene.positions.mean(axis=0)
     areas = np.linalg.norm(area_vectors(corners), axis=1) / 2
     return float(np.einsum("fx,fx,f->", corners[:, 0], geometric_normals(scene, baked.normals), areas))

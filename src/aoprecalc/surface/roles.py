@@ -37,7 +37,6 @@ def _with_roles(part: Part, options: LightOptions) -> Part:
         part,
         receives=receives and (not options.only or _is_named(part, options.only)),
         occludes=there and (options.glass_occludes or not part.look.glass),
-        look=replace(part.look, two_sided=part.look.two_sided or options.two_sided),
     )
 
 
@@ -60,13 +59,15 @@ def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
 
 
 def _is_named(part: Part, patterns: Collection[str]) -> bool:
-    return any(fnmatchcase(name, pattern) for name in part.names for pattern in patterns)
+    return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in patterns)
 
 
 def _require_known(parts: Sequence[Part], option: str, patterns: Collection[str]) -> None:
     for pattern in patterns:
         if not any(_is_named(part, [pattern]) for part in parts):
-            known = ", ".join(repr(name) for name in sorted({name for part in parts for name in part.names})[:20])
+            known = ", ".join(
+                repr(name) for name in sorted({name for part in parts for name in (part.name, *part.names)})[:20]
+            )
             raise UsageError(f"--{option} {pattern!r} is the name of no part; expected one of {known}")
 
 

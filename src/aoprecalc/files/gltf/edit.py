@@ -71,9 +71,18 @@ def edit_document(
             f"TEXCOORD_{free_set}",
         )
         json["meshes"][place[0]]["primitives"][place[1]] = primitive
+    return json, buffer, sets, _warnings(len(json["meshes"]) - len(document.json["meshes"]), sets)
+
+
+def _warnings(more_meshes: int, sets: dict[Place, int]) -> tuple[str, ...]:
+    """Say what makes a document larger, or not every viewer's."""
+    said = []
+    if more_meshes:
+        said.append(f"{more_meshes} instances have become meshes of their own (--instances share keeps them together)")
     far = sum(number >= SETS_EVERYWHERE for number in sets.values())
-    warnings = (f"{far} primitives use TEXCOORD_2 or beyond, which not every viewer supports",) if far else ()
-    return json, buffer, sets, warnings
+    if far:
+        said.append(f"{far} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
+    return tuple(said)
 
 
 def _rewrite(

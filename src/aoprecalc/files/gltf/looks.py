@@ -41,7 +41,6 @@ class Looks:
         return Look(
             glass=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
             unlit=UNLIT in extensions,
-            two_sided=bool(material.get("doubleSided", False)),
             cutout=self._cutout(primitive, material, vertices) if mode == "MASK" else None,
         )
 

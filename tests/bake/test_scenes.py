@@ -1,0 +1,150 @@
+"""Scenes of several parts: glass, floors, parts that take no part, instances that share a place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aoprecalc.measure.lookup import bilinear
+from aoprecalc.measure.points import spread_points
+from aoprecalc.measure.reference import reference
+from aoprecalc.model import Look
+from aoprecalc.options import BakeOptions, VerifyOptions
+from aoprecalc.progress import Progress
+from aoprecalc.recipes import bake_scene
+from aoprecalc.surface.roles import assign_roles
+from shapes import ball, box, cap, dented, quad, scene, scene_of_parts, triangle_a_cell
+
+backends = pytest.mark.parametrize("backend", ["gl", "ray"])
+ONE_STEP = 1 / 255
+
+
+def bake(made, backend, **options):
+    return bake_scene(made, BakeOptions(**{"width": 128, "height": 128, "backend": backend, **options}))
+
+
+def values(baked):
+    return baked.texture.values[baked.texture.valid]
+
+
+def with_part(made, number, **changes):
+    parts = list(made.parts)
+    parts[number] = replace(parts[number], **changes)
+    return replace(made, parts=tuple(parts))
+
+
+def on_part(baked, number, count=400):
+    """Values of the texture at points spread over one part, and these points."""
+    covers = np.zeros(len(baked.scene.faces), bool)
+    covers[baked.scene.parts[number].faces] = True
+    points = spread_points(baked.scene, covers & baked.atlas.covers, count, 0)
+    return bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=False), points
+
+
+@backends
+def test_a_ball_in_a_glass_ball_is_open_and_in_an_opaque_one_closed(backend):
+    made = with_part(scene_of_parts(ball(2), ball(3, 2.0)), 1, look=Look(glass=True))
+    open_inside, closed = (bake(made, backend, glass_occludes=occludes) for occludes in (False, True))
+    assert on_part(open_inside, 0)[0].min() == 1
+    assert on_part(closed, 0)[0].max() <= 1.5 * ONE_STEP
+    assert any("light passes through 1 part ('part 1')" in line for line in open_inside.warnings)
+    assert not any("light passes" in line for line in closed.warnings)
+    # Glass receives: its outside is open, whatever is in it.
+    assert on_part(open_inside, 1)[0].min() >= 1 - ONE_STEP
+
+
+@backends
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+def test_a_ball_on_a_floor_sees_the_share_of_the_sky(backend, up):
+    """(1 + n.up) / 2: the cosine-weighted share of the half sphere above a level plane."""
+    made = scene(*ball(4))
+    baked = bake(made, backend, ground=True, up=up, directions=2000)
+    found, points = on_part(baked, 0)
+    normals = points.at(made.corners)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert np.abs(found - (1 + normals[:, "xyz".index(up)]) / 2).max() < 0.02
+
+
+@backends
+def test_a_floor_is_nowhere_but_below(backend):
+    """It does not matter how far down it is, and a level plane above it loses nothing."""
+    plane = quad((0, 1, 0), (0, 0, 2), (2, 0, 0))
+    assert (values(bake(scene(*plane), backend, ground=True)) == 1).all()
+    assert (values(bake(scene(*plane), backend, ground=True, two_sided=True)) == 1).all()
+    upside_down = scene(plane[0], plane[1][:, ::-1])
+    assert values(bake(upside_down, backend, ground=True)).max() < 1e-6
+
+
+@backends
+def test_what_is_excluded_is_as_if_it_were_not_there(backend):
+    """However far away it lies, and whatever it hides."""
+    alone = scene(*cap(4), triangle_a_cell(len(cap(4)[1])))
+    shapes = cap(4), box((-3, -3, -3), (3, 3, 3)), box((900, 0, 0), (901, 1, 1))
+    count = len(shapes[0][1])
+    more = np.concatenate([alone.uvs, np.zeros((24, 3, 2))])
+    made = scene_of_parts(*shapes, uvs=more)
+    whole = bake(alone, backend, unwrap="keep")
+    without = bake(made, backend, unwrap="keep", exclude=("part 1", "part 2"))
+    assert without.atlas.covers.tolist() == [True] * count + [False] * 24
+    assert np.array_equal(without.texture.valid, whole.texture.valid)
+    assert np.abs(without.texture.values - whole.texture.values).max() < 1e-6
+    hidden = bake(made, backend, unwrap="keep", occluders_only=("part 1", "part 2"))
+    assert values(hidden).max() <= 3 * ONE_STEP
+
+
+@backends
+def test_without_any_occluder_all_is_open(backend):
+    made = with_part(scene(*dented(3)), 0, look=Look(glass=True))
+    assert (values(bake(made, backend)) == 1).all()
+
+
+@backends
+def test_the_reference_knows_glass_floors_and_what_is_excluded(backend):
+    shapes = dented(3), box((-1, 1.2, -1), (1, 3, 1)), box((1.2, -1, -1), (3, 1, 1)), box((-3, -1, -1), (-1.2, 1, 1))
+    made = with_part(scene_of_parts(*shapes), 1, look=Look(glass=True))
+    options = {"ground": True, "exclude": ("part 2",)}
+    baked = bake(made, backend, width=512, height=512, **options)
+    found, points = on_part(baked, 0, 2000)
+    asked = VerifyOptions(rays=1024, **options)
+    truth = reference(assign_roles(made, asked), baked.normals, points, asked, Progress())
+    assert np.sqrt(((found - truth) ** 2).mean()) < 0.012
+    for other in ({}, {"ground": True}, {"exclude": ("part 2",)}, {**options, "glass_occludes": True}):
+        wrong = VerifyOptions(rays=256, **other)
+        truth = reference(assign_roles(made, wrong), baked.normals, points, wrong, Progress())
+        assert np.sqrt(((found - truth) ** 2).mean()) > 0.03
+
+
+@backends
+def test_instances_that_share_have_the_mean_of_what_they_see(backend):
+    """One lies within a closed box, the other in the open: half."""
+    made = scene_of_parts(ball(2), (ball(2)[0] + (99, 0, 0), ball(2)[1]), box((97, -2, -2), (101, 2, 2)))
+    made = with_part(made, 1, instance_of=0)
+    for directions, error in ((256, 0.05), (1000, 0.015), (4000, 0.01)):
+        baked = bake(made, backend, instances="share", occluders_only=("part 2",), directions=directions)
+        assert np.sqrt(((values(baked) - 0.5) ** 2).mean()) < error
+    assert baked.atlas.covers.sum() == len(ball(2)[1])
+    apart = bake(made, backend, occluders_only=("part 2",))
+    assert on_part(apart, 0)[0].min() == 1
+    assert on_part(apart, 1)[0].max() <= 1.5 * ONE_STEP
+
+
+@backends
+@pytest.mark.parametrize("count", [2, 3, 20])
+def test_instances_with_the_same_surroundings_share_what_each_would_have(backend, count):
+    """Also where a placement mirrors them, which turns the order of their corners."""
+    positions, faces = dented(5)
+    copies = [(positions, faces)]
+    for number in range(1, count):
+        mirrored = number % 2 == 1
+        place = positions * (-1 if mirrored else 1, 1, 1) + (40.0 * number, 0, 0)
+        copies.append((place, faces[:, [0, 2, 1]] if mirrored else faces))
+    made = scene_of_parts(*copies)
+    parts = [
+        replace(part, vertices=copies[at][1].astype(np.int32), instance_of=0 if at else None)
+        for at, part in enumerate(made.parts)
+    ]
+    made = replace(made, parts=tuple(parts))
+    alone, shared = bake(scene(positions, faces), "ray"), bake(made, backend, instances="share", shadow_size=2048)
+    one, two = on_part(alone, 0)[0], on_part(shared, 0)[0]
+    assert one.min() < 0.6
+    assert np.sqrt(((one - two) ** 2).mean()) < (0.012 if backend == "ray" else 0.03 + 0.02 * count)
