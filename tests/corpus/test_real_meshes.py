@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from aoprecalc.files import load_scene, read_image
+from aoprecalc.files.gltf.occlusion import gltf_occlusion
+from aoprecalc.measure.lookup import bilinear
+from aoprecalc.measure.points import spread_points
 from aoprecalc.options import BakeOptions
 from aoprecalc.recipes import bake_scene
 
@@ -35,3 +38,26 @@ def test_borders_have_no_specks(name):
     values = texture.values[1:-1, 1:-1]
     speck = border & ((values > highest + 0.1) | (values < lowest - 0.1))
     assert speck.sum() < 0.01 * border.sum()
+
+
+@pytest.fixture(scope="module")
+def toy_car():
+    """The scene and its bake."""
+    scene = load_scene(MESHES / "ToyCar/ToyCar.gltf")
+    return scene, bake_scene(scene, BakeOptions(512, 512, directions=256))
+
+
+@needs_meshes
+@pytest.mark.parametrize(("part", "least"), [("ToyCar", 0.9), ("Fabric", 0.93)])
+def test_the_toy_car_agrees_with_its_authored_maps(toy_car, part, least):
+    scene, baked = toy_car
+    chosen = next(entry for entry in scene.parts if entry.name == part)
+    authored = gltf_occlusion(scene.document, chosen)
+    covers = np.zeros(len(scene.faces), bool)
+    covers[chosen.faces] = True
+    points = spread_points(scene, covers & baked.atlas.covers, 10_000, 0)
+    uvs = np.zeros((len(scene.faces), 3, 2))
+    uvs[chosen.faces] = authored.uvs
+    wanted = bilinear(authored.picture.read(), points.at(uvs), repeats=True)
+    found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=False)
+    assert np.corrcoef(wanted, found)[0, 1] > least

@@ -45,7 +45,8 @@ def edit_document(
         places = _own_meshes(json, scene.parts, [part if part.receives else None for part in scene.parts], apart=False)
         name = f"TEXCOORD_{atlas.uv_set}"
         sets = {at: atlas.uv_set for at in places.values() if name in _primitive(json, at)["attributes"]}
-        return json, _carry_views(document, json, set(), set()), sets, ()
+        buffer = _carry_views(document, json, set(), set())
+        return json, buffer, sets, _warnings(len(json["meshes"]) - len(document.json["meshes"]), sets)
 
     owners = [scene.parts[part.shares] if part.shares is not None else part for part in scene.parts]
     places = _own_meshes(json, scene.parts, [owner if owner.receives else None for owner in owners], apart=True)
