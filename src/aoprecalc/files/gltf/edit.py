@@ -36,12 +36,8 @@ def edit_document(
     Returns (json, buffer, sets, warnings): `sets` tells for each (mesh, primitive) which TEXCOORD_n the texture is for.
     """
     json = deepcopy(document.json)
-    receiving = [part for part in scene.parts if part.receives]
-    new_normals = scene.normals is None or not all(
-        np.array_equal(scene.normals[part.faces], normals[part.faces]) and _has_whole_normals(document, part)
-        for part in receiving
-    )
-    if atlas.uv_set is not None and not new_normals:
+    other_normals = {part for part in scene.parts if part.receives and _differs(document, scene, part, normals)}
+    if atlas.uv_set is not None and not other_normals:
         places = _own_meshes(json, scene.parts, [part if part.receives else None for part in scene.parts], apart=False)
         name = f"TEXCOORD_{atlas.uv_set}"
         sets = {at: atlas.uv_set for at in places.values() if name in _primitive(json, at)["attributes"]}
@@ -68,7 +64,7 @@ def edit_document(
             part,
             originals[part],
             atlas.uvs[part.faces] if atlas.uv_set is None else None,
-            normals[part.faces] if new_normals else None,
+            normals[part.faces] if part in other_normals else None,
             f"TEXCOORD_{free_set}",
         )
         json["meshes"][place[0]]["primitives"][place[1]] = primitive
@@ -123,10 +119,15 @@ def _rewrite(
     return primitive
 
 
-def _has_whole_normals(document: GltfDocument, part: Part) -> bool:
-    """Tell whether the reader had no normal of a part to replace."""
-    values = doubles(document, _primitive(document.json, _place(part))["attributes"]["NORMAL"])
-    return bool((np.isfinite(values).all(axis=1) & values.any(axis=1)).all())
+def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Floats) -> bool:
+    """Tell whether a part is shaded with other normals than its file's, or the reader had to replace some of these."""
+    if scene.normals is None or not np.array_equal(scene.normals[part.faces], normals[part.faces]):
+        return True
+    attributes = _primitive(document.json, _place(part))["attributes"]
+    if "NORMAL" not in attributes:
+        return False
+    values = doubles(document, attributes["NORMAL"])
+    return not (np.isfinite(values).all(axis=1) & values.any(axis=1)).all()
 
 
 def _local_normals(source: GltfSource, part: Part, normals: Floats) -> Floats:

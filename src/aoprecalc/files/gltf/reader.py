@@ -17,6 +17,7 @@ from aoprecalc.files.gltf.nodes import PlacedNode, instance_matrices, placed_nod
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.polygons import fan_triangles, strip_triangles
 from aoprecalc.model import Doubles, Look, Part, Scene
+from aoprecalc.surface.normals import face_directions
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
@@ -151,8 +152,9 @@ def _piece(
     positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
     if source.mirrored:
         vertices, look = vertices[:, SWAPPED], mirrored_look(look)
-    normals = None
-    if shape.normals is not None:
+    if shape.normals is None:  # then they are those of the faces, says the specification
+        normals = np.repeat(face_directions(positions[vertices])[0][:, None], 3, axis=1)
+    else:
         turned = np.einsum("...ij,...j->...i", _cofactors(linear), shape.normals)
         normals = (-turned if source.mirrored else turned)[vertices]
     uv_sets = tuple(values[vertices] for values in shape.uv_sets)
