@@ -146,15 +146,15 @@ def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Doubles, 
     """Return every set of UVs for all corners, (0, 0) where the file has none."""
     sets = []
     for number in range(max(len(piece.uv_sets) for piece in pieces)):
-        uvs = np.concatenate(
-            [
-                piece.uv_sets[number] if number < len(piece.uv_sets) else np.full((len(piece.vertices), 3, 2), np.nan)
-                for piece in pieces
-            ]
-        ).astype(np.float64)
+        has_set = np.repeat(
+            [number < len(piece.uv_sets) for piece in pieces], [len(piece.vertices) for piece in pieces]
+        )
+        uvs = np.full((len(has_set), 3, 2), np.nan)
+        uvs[has_set] = np.concatenate([piece.uv_sets[number] for piece in pieces if number < len(piece.uv_sets)])
         usable = np.asarray((np.abs(uvs) <= LARGEST_UV).all(axis=2))  # NaN is not, either
-        if number == 0 and not usable.all():
-            said.append(f"{np.count_nonzero(~usable.all(axis=1))} of {len(uvs)} faces lack usable UVs")
+        lacking = np.count_nonzero(has_set & ~usable.all(axis=1))
+        if lacking and number == 0:
+            said.append(f"{lacking} of {len(uvs)} faces lack usable UVs")
         sets.append(np.where(usable[:, :, None], uvs, 0.0))
     return tuple(sets)
 
