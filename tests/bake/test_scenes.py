@@ -8,12 +8,12 @@ import pytest
 from aoprecalc.measure.lookup import bilinear
 from aoprecalc.measure.points import spread_points
 from aoprecalc.measure.reference import reference
-from aoprecalc.model import Look
+from aoprecalc.model import Cutout, Look
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.recipes import bake_scene
 from aoprecalc.surface.roles import assign_roles
-from shapes import ball, box, cap, dented, quad, scene, scene_of_parts, triangle_a_cell
+from shapes import ball, box, cap, dented, quad, quad_uvs, scene, scene_of_parts, triangle_a_cell
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])
 ONE_STEP = 1 / 255
@@ -90,6 +90,35 @@ def test_what_is_excluded_is_as_if_it_were_not_there(backend):
     assert np.abs(without.texture.values - whole.texture.values).max() < 1e-6
     hidden = bake(made, backend, unwrap="keep", occluders_only=("part 1", "part 2"))
     assert values(hidden).max() <= 3 * ONE_STEP
+
+
+@backends
+def test_a_ball_in_a_box_with_holes_sees_as_much_as_the_holes_let_through(backend):
+    """Stripes of a chequer, a quarter opaque; the box's outside receives, too, as if it had no holes."""
+    alpha = np.kron(np.random.default_rng(4).permutation(np.arange(256) % 4 == 0).reshape(16, 16), np.ones((8, 8)))
+    walls = [quad(at, right, up) for at, right, up in cube_walls(3.0)]
+    uvs = np.tile(quad_uvs((0, 0), (1, 1)), (6, 1, 1))
+    made = scene_of_parts(ball(3), *walls)
+    for number in range(6):
+        cutout = Cutout(alpha.astype(np.float32), uvs[:2], np.ones((2, 3)), 0.5)
+        made = with_part(made, number + 1, look=Look(cutout=cutout))
+    options = {"directions": 2000, "occluders_only": tuple(f"part {n}" for n in range(1, 7))}
+    baked = bake(made, backend, **options)
+    # Through holes spread over the box as evenly as here the ball sees three quarters of the sky, more or less.
+    assert abs(values(baked).mean() - 0.75) < 0.02
+    asked = VerifyOptions(rays=1024, occluders_only=options["occluders_only"])
+    found, points = on_part(baked, 0)
+    truth = reference(assign_roles(made, asked), baked.normals, points, asked, Progress())
+    assert np.abs(found - truth).mean() < 0.012
+
+
+def cube_walls(half):
+    """(origin, right, up) of the six sides of a cube, seen from outside."""
+    axes = half * np.eye(3)
+    for turn in range(3):
+        a, b, c = np.roll(axes, turn, axis=0)
+        yield a - b - c, 2 * b, 2 * c
+        yield -a - b - c, 2 * c, 2 * b
 
 
 @backends

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
-from aoprecalc.surface.cutout import opaque_triangles
+from aoprecalc.surface.cutouts import opaque_triangles
 from aoprecalc.surface.normals import geometric_normals
 
 
