@@ -94,7 +94,7 @@ def test_what_is_excluded_is_as_if_it_were_not_there(backend):
 
 @backends
 def test_a_ball_in_a_box_with_holes_sees_as_much_as_the_holes_let_through(backend):
-    """Stripes of a chequer, a quarter opaque; the box's outside receives, too, as if it had no holes."""
+    """Of the 256 squares on each wall a quarter is opaque."""
     alpha = np.kron(np.random.default_rng(4).permutation(np.arange(256) % 4 == 0).reshape(16, 16), np.ones((8, 8)))
     walls = [quad(at, right, up) for at, right, up in cube_walls(3.0)]
     uvs = np.tile(quad_uvs((0, 0), (1, 1)), (6, 1, 1))
