@@ -13,7 +13,7 @@ from aoprecalc.files.gltf.accessors import doubles, raw_rows, view_bytes
 from aoprecalc.files.gltf.buffer import GltfBuffer
 from aoprecalc.files.gltf.document import GltfDocument, Json
 from aoprecalc.files.gltf.nodes import INSTANCING
-from aoprecalc.files.gltf.reader import GEOMETRY_EXTENSIONS, SWAPPED, GltfSource
+from aoprecalc.files.gltf.reader import SWAPPED, GltfSource
 from aoprecalc.model import Atlas, Doubles, Floats, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.
@@ -114,8 +114,6 @@ def _rewrite(
     primitive.pop("mode", None)
     if "targets" in original:
         primitive["targets"] = [{name: pick(index) for name, index in target.items()} for target in original["targets"]]
-    for extension in GEOMETRY_EXTENSIONS:
-        primitive.get("extensions", {}).pop(extension, None)
     return primitive
 
 
@@ -179,8 +177,6 @@ def _carry_views(document: GltfDocument, json: Json, free_accessors: set[int], f
     """Start a buffer with the bytes of all views but the free ones."""
     buffer = GltfBuffer(json, tuple(sorted(free_accessors)), tuple(sorted(free_views)))
     for index, view in enumerate(json.get("bufferViews", [])):
-        for extension in GEOMETRY_EXTENSIONS:
-            view.get("extensions", {}).pop(extension, None)
         if index in free_views:
             json["bufferViews"][index] = {"buffer": 0, "byteLength": 1}  # until something takes its place
         else:

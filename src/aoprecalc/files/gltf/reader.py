@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import InputError
 from aoprecalc.files.damage import check_indices, damaged
 from aoprecalc.files.gltf.accessors import doubles, numbers
+from aoprecalc.files.gltf.compression import decompressed
 from aoprecalc.files.gltf.document import GltfDocument, Json, parse_gltf
 from aoprecalc.files.gltf.looks import Looks, mirrored_look
 from aoprecalc.files.gltf.nodes import PlacedNode, instance_matrices, placed_nodes
@@ -21,8 +21,6 @@ from aoprecalc.surface.normals import face_directions
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
-# Extensions without which the positions cannot be read; where a document can do without, its plain data is used.
-GEOMETRY_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 SWAPPED = [0, 2, 1]  # corners of a face in a mirrored placement
 
 
@@ -50,13 +48,9 @@ def read_gltf(path: Path, data: bytes) -> Scene:
 
     Skinned and morphed meshes stand as their joints and weights do in the file, points and lines are left out.
 
-    Raises InputError where it is damaged, needs an extension that is not read, or has no usable faces.
+    Raises InputError where it is damaged, compressed in a way for which a package is missing, or has no usable faces.
     """
-    document = parse_gltf(path, data)
-    for extension in document.json.get("extensionsRequired", []):
-        if extension in GEOMETRY_EXTENSIONS:
-            raise InputError(f"{path}: needs the extension {extension}, which is not read; export it without")
-
+    document = decompressed(parse_gltf(path, data))
     nodes = placed_nodes(document)
     looks = Looks(document)
     pieces: list[Piece] = []
@@ -111,7 +105,6 @@ class _Shape:
 def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _Shape:
     """Return a primitive with its morph targets applied as far as the file's own weights ask for."""
     attributes = primitive["attributes"]
-    _require_plain_data(document, primitive)
     weights: list[float] = node["weights"] if "weights" in node else mesh.get("weights", [])
     positions = _morphed(document, primitive, "POSITION", weights)
     normals = _morphed(document, primitive, "NORMAL", weights) if "NORMAL" in attributes else None
@@ -159,20 +152,6 @@ def _piece(
         normals = (-turned if source.mirrored else turned)[vertices]
     uv_sets = tuple(values[vertices] for values in shape.uv_sets)
     return Piece(name, positions, vertices, normals, uv_sets, source, names, look)
-
-
-def _require_plain_data(document: GltfDocument, primitive: Json) -> None:
-    """Raise InputError where the positions are only there in compressed form."""
-    accessor = document.entry("accessors", primitive["attributes"]["POSITION"])
-    view = document.entry("bufferViews", accessor["bufferView"]) if "bufferView" in accessor else {}
-    used = {**primitive.get("extensions", {}), **view.get("extensions", {})}
-    without = not view or not document.buffers[view["buffer"]]
-    for extension in GEOMETRY_EXTENSIONS:
-        if extension in used and without:
-            raise InputError(
-                f"{document.path}: its positions are there only in the form of {extension}, which is not read; "
-                "export it without"
-            )
 
 
 def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[np.int64]:
