@@ -12,10 +12,11 @@ SETUP := .venv/.setup
 
 setup: $(SETUP)
 
-$(SETUP): pyproject.toml scripts/setup-gl
+$(SETUP): pyproject.toml scripts/setup-gl scripts/setup-validator tests/validator/package-lock.json
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	sh scripts/setup-gl $(BIN)/python
+	sh scripts/setup-validator
 	@touch $@
 
 demo: $(SETUP)
@@ -41,4 +42,4 @@ bench: $(SETUP)
 	$(BIN)/python benchmarks/spheres.py
 
 clean:
-	rm -rf .venv demo build dist
+	rm -rf .venv tests/validator/node_modules demo build dist

@@ -47,11 +47,13 @@ class Look:
 
     glass    light passes through
     unlit    ambient light has no part in its colour
+    leafy    a sheet whose back is as good to look at as its front
     cutout   None where it has no holes
     """
 
     glass: bool = False
     unlit: bool = False
+    leafy: bool = False
     cutout: Cutout | None = None
 
 
@@ -69,6 +71,7 @@ class Part:
     repeats       the same for parts that the file cannot tell apart; None for the first of them and where it can
     receives      it gets ambient occlusion
     occludes      it is in the light's way
+    two_sided     its texels have the larger of the two sides' values
     shares        the number of the part whose place in the texture it has; None where that is its own
     """
 
@@ -83,6 +86,7 @@ class Part:
     repeats: int | None = None
     receives: bool = True
     occludes: bool = True
+    two_sided: bool = False
     shares: int | None = None
 
     @property
@@ -143,6 +147,11 @@ class Scene:
         """(f,) bool: the faces that are in the light's way, but for the holes of cut-outs."""
         return self.of_parts(part.occludes for part in self.parts)
 
+    @property
+    def two_sided(self) -> Mask:
+        """(f,) bool: the faces whose texels have the larger of the two sides' values."""
+        return self.of_parts(part.two_sided for part in self.parts)
+
 
 @dataclass(frozen=True)
 class UvCheck:
@@ -201,8 +210,8 @@ class Texels:
     def __len__(self) -> int:
         return len(self.index)
 
-    def some(self, chosen: slice) -> "Texels":
-        """Return a run of them."""
+    def some(self, chosen: slice | Mask) -> "Texels":
+        """Return those of a run, or of a (k,) mask."""
         return Texels(self.width, self.height, self.index[chosen])
 
 

@@ -76,7 +76,8 @@ class LightOptions:
     exclude         names of parts that neither receive nor occlude
     occluders_only  names of parts that occlude and do not receive
     glass_occludes  parts that light passes through (glTF: BLEND, transmission) occlude as others do
-    two_sided       both sides of a face receive light: a texel has the larger of the two sides' values
+    two_sided       both sides of every face receive light: a texel has the larger of the two sides' values; else only
+                    sheets that the file says to be cut out and double-sided (glTF), such as leaves
     ground          the scene stands on an endless floor: no light comes from below
     up              the axis that points away from that floor; auto: y, and z for STL
     """

@@ -112,6 +112,23 @@ def test_a_ball_in_a_box_with_holes_sees_as_much_as_the_holes_let_through(backen
     assert np.abs(found - truth).mean() < 0.012
 
 
+@backends
+def test_only_leafy_parts_have_the_lighter_of_their_sides(backend):
+    """Two pairs of squares, each with a roof close above the front of one of them."""
+    sheets = [quad((x, 0, 0), (1, 0, 0), (0, 1, 0)) for x in (0, 5)]
+    roofs = [quad((x - 2, -2, 0.02), (5, 0, 0), (0, 5, 0)) for x in (0, 5)]
+    made = with_part(scene_of_parts(*sheets, *roofs), 1, look=Look(leafy=True))
+    baked = bake(made, backend, occluders_only=("part 2", "part 3"), padding=2)
+    plain, leafy = (on_part(baked, number)[0] for number in (0, 1))
+    assert plain.max() < 0.05
+    assert leafy.min() == 1
+    asked = VerifyOptions(rays=256, occluders_only=("part 2", "part 3"))
+    for number, values_there in ((0, plain), (1, leafy)):
+        points = on_part(baked, number)[1]
+        truth = reference(assign_roles(made, asked), baked.normals, points, asked, Progress())
+        assert np.abs(truth - values_there).max() < 0.05
+
+
 def cube_walls(half):
     """(origin, right, up) of the six sides of a cube, seen from outside."""
     axes = half * np.eye(3)

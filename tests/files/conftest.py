@@ -1,15 +1,11 @@
 """Meshes made here, so that these tests need no file from elsewhere."""
 
-import base64
-import json
-import struct
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from aoprecalc.files import Outputs, load_scene, write_baked_mesh, write_image
+from aoprecalc.files import Outputs, write_baked_mesh, write_image
 from aoprecalc.model import Atlas
+from files.gltf_maker import GltfMaker
 
 # The corners of a cube as quads, counter-clockwise from outside.
 CUBE_POINTS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
@@ -94,65 +90,6 @@ def bake(tmp_path):
         return path, atlas, normals, warnings
 
     return write
-
-
-class GltfMaker:
-    """Builds a glTF document, one accessor after another."""
-
-    def __init__(self, folder: Path):
-        self.folder = folder
-        self.data = bytearray()
-        self.json = {"asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], "meshes": [], "nodes": []}
-
-    def view(self, data: bytes, **members) -> int:
-        self.data += bytes(-len(self.data) % 4)
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), **members})
-        self.data += data
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(self, array, **members) -> int:
-        array = np.asarray(array)
-        codes = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-        width = 1 if array.ndim == 1 else array.shape[1]
-        entry = {
-            "componentType": codes[array.dtype.str[1:]],
-            "count": len(array),
-            "type": {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[width],
-        }
-        if "bufferView" not in members and "sparse" not in members:
-            members["bufferView"] = self.view(array.tobytes())
-        self.json["accessors"].append(entry | members)
-        return len(self.json["accessors"]) - 1
-
-    def mesh(self, *primitives, **members) -> int:
-        self.json["meshes"].append({"primitives": list(primitives), **members})
-        return len(self.json["meshes"]) - 1
-
-    def node(self, **members) -> int:
-        self.json["nodes"].append(members)
-        return len(self.json["nodes"]) - 1
-
-    def save(self, name="made.glb") -> Path:
-        path = self.folder / name
-        if "scenes" not in self.json:
-            children = {child for node in self.json["nodes"] for child in node.get("children", [])}
-            roots = [index for index in range(len(self.json["nodes"])) if index not in children]
-            self.json |= {"scene": 0, "scenes": [{"nodes": roots}]}
-        self.json["buffers"] = [{"byteLength": len(self.data)}]
-        if name.endswith(".gltf"):
-            uri = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
-            self.json["buffers"][0]["uri"] = uri
-            path.write_text(json.dumps(self.json))
-            return path
-        text = json.dumps(self.json).encode()
-        text += b" " * (-len(text) % 4)
-        data = bytes(self.data) + bytes(-len(self.data) % 4)
-        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + data
-        path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks)
-        return path
-
-    def load(self, name="made.glb"):
-        return load_scene(self.save(name))
 
 
 @pytest.fixture

@@ -52,7 +52,14 @@ def picture(gltf, tmp_path):
 )
 def test_glass_and_unlit(gltf, material, glass, unlit):
     found = look(gltf, material)
-    assert (found.glass, found.unlit, found.cutout) == (glass, unlit, None)
+    assert (found.glass, found.unlit, found.leafy, found.cutout) == (glass, unlit, False, None)
+
+
+@pytest.mark.parametrize(
+    ("mode", "double", "leafy"), [("MASK", True, True), ("MASK", False, False), ("OPAQUE", True, False)]
+)
+def test_double_sided_cut_outs_are_leafy(gltf, mode, double, leafy):
+    assert look(gltf, {"alphaMode": mode, "doubleSided": double}).leafy == leafy
 
 
 def test_a_primitive_without_material_is_plain(gltf):

@@ -48,6 +48,12 @@ def test_who_receives_and_who_occludes(street, options, receive, occlude):
     assert roles(street, **options) == (set(receive.split()), set(occlude.split()))
 
 
+def test_leaves_have_two_sides_and_with_the_option_all(street):
+    leaf = replace(street, parts=(*street.parts[:3], replace(street.parts[3], look=Look(leafy=True))))
+    assert assign_roles(leaf, LightOptions()).two_sided.reshape(4, 12).all(axis=1).tolist() == [False] * 3 + [True]
+    assert assign_roles(leaf, LightOptions(two_sided=True)).two_sided.all()
+
+
 def test_masks_follow_the_parts(street):
     made = assign_roles(street, LightOptions(exclude=("road",)))
     assert made.receives.reshape(4, 12).all(axis=1).tolist() == [True, True, False, False]

@@ -26,19 +26,21 @@ def reference(
     """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
-    options   rays, seed, estimator, two_sided and threads count here
+    options   rays, seed, estimator and threads count here
 
     With the interpolated normal n and the face's own g (for n where they oppose each other), rays w are drawn by their
     cosine with n; ratio: the visible share of those with g.w > 0; mean: the visible ones of these as a share of all.
-    `two_sided` takes the larger of both sides' values. Points done are counted on `progress`, once for each side.
+    Faces that are two-sided have the larger of both sides' values. Points done are counted on `progress`.
     Raises RendererError where rays cannot be cast.
     """
     surface = UnitSurface.of(scene, shading)
     occluders = Occluders(surface.occluders, options.threads)
     places, normals, geometric = surface.at(points.faces, points.weights)
-    sides = (1, -1) if options.two_sided else (1,)
-    values = [_one_side(surface, occluders, places, s * normals, s * geometric, options, progress) for s in sides]
-    return np.maximum(values[0], values[-1])
+    values = _one_side(surface, occluders, places, normals, geometric, options, progress)
+    backs = np.flatnonzero(scene.two_sided[points.faces])
+    behind = _one_side(surface, occluders, places[backs], -normals[backs], -geometric[backs], options, Progress())
+    values[backs] = np.maximum(values[backs], behind)
+    return values
 
 
 def _one_side(

@@ -14,13 +14,14 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.places import places, surface_of_texel
 from aoprecalc.texspace.reconstruct import Reconstruction
-from aoprecalc.texspace.samples import Samples, TexelSampler
+from aoprecalc.texspace.samples import Samples, TexelSampler, only
 
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
     """What texels see.
 
+    texels           k of them
     values           (k,) float32 in [0, 1]: the mean over the part of each texel that the surface covers
     measured         (k,) bool: texels that have a value
     reconstruction   holds every sample's value at its place, for the picture of darkness (1 - value) that fits best
@@ -28,6 +29,7 @@ class Gathered:
     error            the estimated sampling error of `values`, RMS; None where one group of axes was used
     """
 
+    texels: Texels
     values: Floats
     measured: Mask
     reconstruction: Reconstruction
@@ -45,8 +47,11 @@ def gather(
     most: int,
     options: BakeOptions,
     progress: Progress,
+    faces: Mask | None = None,
 ) -> Gathered:
     """Gather along (a, 3) axes, or fewer where `options.target_error` is reached before.
+
+    faces   (f,) bool: only samples on these count; None: all
 
     Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
     difference tells the error. At most `most` texels are looked at at a time.
@@ -60,6 +65,8 @@ def gather(
     def look(some_texels: Texels, number: int, some_axes: Doubles) -> Floats:
         spot, count = texel_offset(number), 2 * len(some_axes)
         samples = sampler.samples(some_texels, spot)
+        if faces is not None:
+            samples = only(samples, faces)
         sums = turns.look(observer, samples, some_axes, number, progress)
         for start in range(0, len(sums), PART):
             part = slice(start, start + PART)
@@ -81,4 +88,4 @@ def gather(
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
     values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
-    return Gathered(np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)
+    return Gathered(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)

@@ -24,7 +24,7 @@ from aoprecalc.files import (
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
 from aoprecalc.measure.errors import Verified
-from aoprecalc.model import Atlas, Baked, Floats, Scene
+from aoprecalc.model import Atlas, Baked, Floats, Mask, Scene, Texels
 from aoprecalc.occlusion.axes import axes
 from aoprecalc.occlusion.backend import open_backend
 from aoprecalc.occlusion.gathering import Gathered, gather
@@ -42,6 +42,7 @@ from aoprecalc.surface.roles import assign_roles
 from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.finish import finish, lighter, paint
 from aoprecalc.texspace.layout import lay_out
+from aoprecalc.texspace.samples import CENTER
 
 _DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
 
@@ -148,23 +149,27 @@ def bake_scene(
             triangles=len(surface.occluders),
         )
 
-        sides = [surface, surface.turned()] if options.two_sided else [surface]
+        backs = scene.two_sided & scene.receives
+        sides: list[tuple[UnitSurface, Texels, Mask | None]] = [(surface, texels, None)]
+        if backs.any():
+            face = sampler.samples(texels, CENTER).faces
+            sides.append((surface.turned(), texels.some((face < 0) | backs[face]), backs))
 
-        def look_from(side: UnitSurface) -> Gathered:  # its observer is gone before the next side's is made
-            observer = backend.observer(side, most, shadow_size)
-            return gather(observer, sampler, scene, atlas, texels, directions, most, options, progress)
+        def look_from(side: UnitSurface, some: Texels, faces: Mask | None) -> Gathered:
+            observer = backend.observer(side, most, shadow_size)  # is gone before the next side's is made
+            return gather(observer, sampler, scene, atlas, some, directions, most, options, progress, faces)
 
-        times = len(runs(len(texels), most))
-        unit = "directions" if times == 1 else f"directions, {times} times to save memory"
-        with watch.stage("visibility", times * len(sides) * 2 * len(directions), unit):
-            seen = [look_from(side) for side in sides]
+        looks = sum(len(runs(len(some), most)) for _, some, _ in sides)
+        unit = "directions" if looks == len(sides) else f"directions, {looks} times to save memory"
+        with watch.stage("visibility", looks * 2 * len(directions), unit):
+            seen = [look_from(*side) for side in sides]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
             f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
         )
     with watch.stage("finish"):
-        paintings = [paint(texels, side.values, side.measured, side.reconstruction) for side in seen]
+        paintings = [paint(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
         texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
     baked = Baked(
         scene=scene,
@@ -173,7 +178,7 @@ def bake_scene(
         normals=normals,
         directions=max(side.directions for side in seen),
         error=max((side.error for side in seen if side.error is not None), default=None),
-        unseen=_unseen(seen),
+        unseen=_unseen(seen, options.width * options.height),
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
@@ -181,17 +186,19 @@ def bake_scene(
     return replace(baked, warnings=bake_warnings(baked, options, overlap))
 
 
-def _unseen(sides: list[Gathered]) -> float:
-    """Return the share of the measured texels that no side sees light from."""
-    measured = np.any([side.measured for side in sides], axis=0)
-    dark = np.all([side.values < _DARK for side in sides], axis=0)
-    return float(dark[measured].mean())
+def _unseen(sides: list[Gathered], size: int) -> float:
+    """Return the share of the measured texels, of `size` in the picture, that no side sees light from."""
+    measured, lit = np.zeros(size, bool), np.zeros(size, bool)
+    for side in sides:
+        measured[side.texels.index[side.measured]] = True
+        lit[side.texels.index[side.measured & (side.values >= _DARK)]] = True
+    return float(1 - lit[measured].mean())
 
 
 def _verified(baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch) -> Verified:
     """Measure the picture that a bake has written."""
-    asked = VerifyOptions(estimator=options.estimator, two_sided=options.two_sided, threads=options.threads)
-    with watch.stage("verify", asked.points * (2 if asked.two_sided else 1), "points"):
+    asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
+    with watch.stage("verify", asked.points, "points"):
         return verify_scene(baked.scene, baked.atlas, baked.normals, picture, asked, progress)
 
 

@@ -77,7 +77,7 @@ def verify(
             claim(outputs, wanted[name][0], place)
         atlas, left_out = _atlas(scene, found)
         normals = shading_normals(scene, options.normals, options.crease_angle)
-        with watch.stage("rays", options.points * (2 if options.two_sided else 1), "points"):
+        with watch.stage("rays", options.points, "points"):
             verified = verify_scene(scene, atlas, normals, found.values, options, progress)
         if "heat_map" in places:
             with watch.stage("heat map"):

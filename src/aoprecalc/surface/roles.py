@@ -37,6 +37,7 @@ def _with_roles(part: Part, options: LightOptions) -> Part:
         part,
         receives=receives and (not options.only or _is_named(part, options.only)),
         occludes=there and (options.glass_occludes or not part.look.glass),
+        two_sided=options.two_sided or part.look.leafy,
     )
 
 

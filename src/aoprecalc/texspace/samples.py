@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.model import Floats, Ints, Texels
+from aoprecalc.model import Floats, Ints, Mask, Texels
 from aoprecalc.surface.z_order import z_order
 
 GRID = 256  # steps a texel: rasterisers snap corners to it
@@ -45,6 +45,13 @@ class Samples:
 
     faces: Ints
     weights: Floats
+
+
+def only(samples: Samples, faces: Mask) -> Samples:
+    """Return the samples without those that lie on other faces than these, (f,) bool."""
+    away = (samples.faces < 0) | ~faces[samples.faces]
+    weights = np.where(away[:, None], np.array((1, 0, 0), np.float32), samples.weights)
+    return Samples(np.where(away, np.int32(-1), samples.faces), weights)
 
 
 class TexelSampler(Protocol):

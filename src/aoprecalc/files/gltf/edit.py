@@ -57,7 +57,9 @@ def edit_document(
     for part, place in places.items():
         attributes = originals[part]["attributes"]
         free_set = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
-        sets[place] = free_set if atlas.uv_set is None else atlas.uv_set
+        uv_set = free_set if atlas.uv_set is None else atlas.uv_set
+        if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in attributes:  # a part without area need not have it
+            sets[place] = uv_set
         primitive = _rewrite(
             document,
             buffer,
@@ -101,10 +103,10 @@ def _rewrite(
     split = split_corners(part.vertices, *values.values())
     vertices = part.vertices.reshape(-1)[split.corner]
 
-    def pick(index: int) -> int:
+    def pick(index: int, *, nothing: bool = False) -> int:
         rows = raw_rows(document, index)
         check_indices(document.path, vertices, len(rows))
-        return buffer.add_rows(document.entry("accessors", index), rows[vertices])
+        return buffer.add_rows(document.entry("accessors", index), rows[vertices] * (not nothing))
 
     attributes = {name: pick(index) for name, index in original["attributes"].items() if name not in values}
     for name, corner_values in values.items():
@@ -113,7 +115,11 @@ def _rewrite(
     primitive = deepcopy(original) | {"attributes": attributes, "indices": buffer.add_triangles(triangles)}
     primitive.pop("mode", None)
     if "targets" in original:
-        primitive["targets"] = [{name: pick(index) for name, index in target.items()} for target in original["targets"]]
+        # The new normals are those of the morphed shape already.
+        primitive["targets"] = [
+            {name: pick(index, nothing=name in values) for name, index in target.items()}
+            for target in original["targets"]
+        ]
     return primitive
 
 

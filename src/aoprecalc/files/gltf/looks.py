@@ -41,6 +41,7 @@ class Looks:
         return Look(
             glass=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
             unlit=UNLIT in extensions,
+            leafy=mode == "MASK" and bool(material.get("doubleSided")),
             cutout=self._cutout(primitive, material, vertices) if mode == "MASK" else None,
         )
 

@@ -1,0 +1,47 @@
+"""Real glTF files beside what a bake makes of them: valid, and nothing else is changed."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from aoprecalc.options import BakeOptions
+from aoprecalc.recipes import bake
+from files.gltf_compare import differences
+from files.gltf_occlusion import occlusion_faults, receivers
+from files.gltf_validator import needs_validator, new_issues
+from files.gltf_values import GltfValues
+
+MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
+needs_meshes = pytest.mark.skipif(not MESHES.is_dir(), reason="the folder shared/meshes is not beside the repository")
+
+
+@pytest.fixture(scope="module", params=["ToyCar", "DamagedHelmet"])
+def trip(request, tmp_path_factory):
+    """(path of a document, its BakeResult); pictures that shared/meshes is without have stand-ins, no two alike."""
+    folder = tmp_path_factory.mktemp("trip")
+    path = folder / f"{request.param}.gltf"
+    for file in (MESHES / request.param).iterdir():
+        shutil.copyfile(file, folder / file.name)
+    for number, image in enumerate(json.loads(path.read_text())["images"]):
+        if not (folder / image["uri"]).exists():
+            Image.new("RGB", (8, 8), (20 * number, 100, 200)).save(folder / image["uri"])
+    (folder / "out").mkdir()
+    return path, bake(path, folder / "out", options=BakeOptions(512, 512, directions=32))
+
+
+@needs_meshes
+@needs_validator
+def test_it_is_as_valid_as_it_was(trip):
+    path, result = trip
+    assert new_issues(path, result.mesh_path) == []
+
+
+@needs_meshes
+def test_all_else_is_as_it_was(trip):
+    path, result = trip
+    before, after = GltfValues(path), GltfValues(result.mesh_path)
+    assert differences(before, after) == []
+    assert occlusion_faults(before, after, result.texture_path.read_bytes(), receivers(result.baked)) == []
