@@ -44,7 +44,7 @@ def leaves(count: int = 26) -> trimesh.Trimesh:
     square = np.array([(-0.5, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0)])
     corners = []
     for leaf in range(count):
-        lean, turn = 0.35 + 0.75 * ((leaf * 0.618) % 1.0), leaf * 2.39996
+        lean, turn = 0.2 + 1.1 * leaf / count, leaf * 2.39996  # the golden angle
         placed = trimesh.transform_points(square * 0.42, rotation_matrix(lean, (1, 0, 0)))
         corners.append(trimesh.transform_points(placed, rotation_matrix(turn, UP)) + (0, 0.35, 0))
     first = 4 * np.arange(count)[:, None]

@@ -224,8 +224,8 @@ def test_a_material_is_doubled_for_another_set(gltf_cube, bake):
     path, _, _, warnings = bake(maker.load(), "a.glb")
     document = load_scene(path).document.json
     first, second = document["meshes"][0]["primitives"]
-    assert document["materials"][first["material"]]["occlusionTexture"] == {"index": 1, "texCoord": 1}
-    assert document["materials"][second["material"]]["occlusionTexture"] == {"index": 1}
+    assert document["materials"][first["material"]]["occlusionTexture"] == {"index": 0, "texCoord": 1}
+    assert document["materials"][second["material"]]["occlusionTexture"] == {"index": 0}
     assert first["extensions"]["KHR_materials_variants"]["mappings"][0]["material"] == first["material"]
     assert len(document["materials"]) == 2
     assert warnings == ("1 materials had an occlusion texture of their own, which was replaced",)

@@ -61,12 +61,20 @@ def choose_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
 def write_image(path: str | PathLike[str], values: Floats, bit_depth: BitDepth = "auto") -> None:
     """Write a picture, its kind by the extension of `path`; the same values give the same bytes.
 
-    values   (height, width) float32; row 0 is the upper one
+    values   (height, width) or (height, width, channels) float32; row 0 is the upper one
 
     Raises UsageError as `choose_depth` does, and OutputError where it cannot be written.
     """
     depth = choose_depth(path, bit_depth)
-    _write(path, quantize(values, depth)[:, :, None], depth, space="data")  # else PNG is tagged sRGB
+    _write(path, np.atleast_3d(quantize(values, depth)), depth, space="data")  # else PNG is tagged sRGB
+
+
+def png_bytes(values: Floats) -> bytes:
+    """Return the bytes of a PNG of 8 bits that `write_image` makes of such values."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "picture.png"
+        write_image(file, values, "8")
+        return file.read_bytes()
 
 
 def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:

@@ -1,5 +1,6 @@
 """The one buffer of a glTF document that is being written, and the views and accessors into it."""
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -29,12 +30,25 @@ class GltfBuffer:
         """All bytes so far."""
         return bytes(self._bytes)
 
-    def append(self, data: bytes) -> int:
+    def append(self, data: bytes | bytearray) -> int:
         """Add bytes; return where they begin, at a multiple of 4."""
         self._bytes += bytes(-len(self._bytes) % 4)
         start = len(self._bytes)
         self._bytes += data
         return start
+
+    def free_views(self, views: Collection[int]) -> None:
+        """Put None in the place of buffer views that nothing refers to any more, and leave out their bytes."""
+        if not views:
+            return
+        entries = self._document["bufferViews"]
+        for index in views:
+            entries[index] = None
+        self._free["bufferViews"] += sorted(views)
+        before, self._bytes = self._bytes, bytearray()
+        for view in filter(None, entries):
+            start = view["byteOffset"]
+            view["byteOffset"] = self.append(before[start : start + view["byteLength"]])
 
     def add_view(self, data: bytes, **members: int) -> int:
         """Add bytes with a buffer view of their own; return its number."""

@@ -184,7 +184,7 @@ def _carry_views(document: GltfDocument, json: Json, free_accessors: set[int], f
     buffer = GltfBuffer(json, tuple(sorted(free_accessors)), tuple(sorted(free_views)))
     for index, view in enumerate(json.get("bufferViews", [])):
         if index in free_views:
-            json["bufferViews"][index] = {"buffer": 0, "byteLength": 1}  # until something takes its place
+            json["bufferViews"][index] = None  # until something takes its place
         else:
             view.update(buffer=0, byteOffset=buffer.append(view_bytes(document, index)))
     return buffer

@@ -1,23 +1,26 @@
 """Occlusion textures on the materials of a glTF document that is being written."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from copy import deepcopy
 
 from aoprecalc.files.gltf.document import Json
+from aoprecalc.files.gltf.looks import UNLIT
 
 VARIANTS = "KHR_materials_variants"
 
+Place = tuple[int, int]
 
-def occlude(document: Json, sets: Mapping[tuple[int, int], int], texture: int) -> tuple[str, ...]:
-    """Give the materials of some primitives a texture as their occlusion texture.
 
-    sets      (mesh, primitive) -> which TEXCOORD_n of that primitive the texture is for
-    texture   its number in the document
+def own_materials(document: Json, sets: Mapping[Place, int]) -> tuple[dict[int, int], tuple[str, ...]]:
+    """Give some primitives materials that may be changed for them.
 
-    A material that other primitives need without it, or with another set, is doubled; a primitive without a
-    material gets one. Returns what the user should know: how many occlusion textures were replaced.
+    sets   (mesh, primitive) -> which TEXCOORD_n of that primitive its occlusion texture is for
+
+    A material that other primitives need as it is, or for another set, is doubled; a primitive without a material gets
+    one. Unlit variants stay as they are. Returns number of a material -> its TEXCOORD_n, and what the user should know:
+    how many have an occlusion texture, which is to be replaced.
     """
-    materials: list[Json] = document.setdefault("materials", [])
+    materials: list[Json] = document.get("materials", [])
     taken = {
         holder["material"]
         for mesh_index, mesh in enumerate(document["meshes"])
@@ -26,18 +29,51 @@ def occlude(document: Json, sets: Mapping[tuple[int, int], int], texture: int) -
         for holder in _holders(primitive)
         if "material" in holder
     }
-    occluded = {index for index, material in enumerate(materials) if "occlusionTexture" in material}
     made: dict[tuple[int | None, int], int] = {}
     for (mesh_index, index), number in sets.items():
         for holder in _holders(document["meshes"][mesh_index]["primitives"][index]):
             key = (holder.get("material"), number)
+            if key[0] is not None and UNLIT in materials[key[0]].get("extensions", {}):
+                continue
             if key not in made:
                 made[key] = _own_material(materials, key[0], taken)
-                # Nothing of an earlier one is kept: its KHR_texture_transform could choose another set than texCoord.
-                materials[made[key]]["occlusionTexture"] = texture_reference(texture, number)
             holder["material"] = made[key]
-    replaced = len(occluded & {index for index, _ in made})
-    return (f"{replaced} materials had an occlusion texture of their own, which was replaced",) if replaced else ()
+    if materials:  # the schema has no empty lists
+        document["materials"] = materials
+    replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
+    said = (f"{replaced} materials had an occlusion texture of their own, which was replaced",) if replaced else ()
+    return {made[key]: key[1] for key in made}, said
+
+
+def replaced_references(document: Json, sets: Mapping[int, int], packed: Collection[int]) -> Iterator[tuple[Json, str]]:
+    """Yield what materials have now in the place of textures that `occlude` gives them, as (holder, key)."""
+    for index in sets:
+        material = document["materials"][index]
+        if "occlusionTexture" in material:
+            yield material, "occlusionTexture"
+        if index in packed:
+            yield material["pbrMetallicRoughness"]["metallicRoughnessTexture"], "index"
+
+
+def occlude(document: Json, sets: Mapping[int, int], textures: Mapping[int, int], packed: Collection[int]) -> None:
+    """Give materials their occlusion textures.
+
+    sets       number of a material -> which TEXCOORD_n its texture is for
+    textures   number of a material -> that of its texture
+    packed     those materials whose texture holds roughness and metalness as well
+    """
+    for index, number in sets.items():
+        material = document["materials"][index]
+        # Nothing of an earlier one is kept: its KHR_texture_transform could choose another set than texCoord.
+        material["occlusionTexture"] = texture_reference(textures[index], number)
+        if index in packed:
+            material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] = textures[index]
+
+
+def roughness_texture(material: Json) -> Json | None:
+    """Return a material's metallicRoughnessTexture, a textureInfo; None where it has none."""
+    info: Json | None = material.get("pbrMetallicRoughness", {}).get("metallicRoughnessTexture")
+    return info
 
 
 def texture_reference(texture: int, number: int) -> Json:

@@ -7,9 +7,12 @@ from pathlib import Path
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.files.gltf.edit import edit_document
+from aoprecalc.files.gltf.entries import close_gaps, release
 from aoprecalc.files.gltf.fresh import fresh_document, show_texture
-from aoprecalc.files.gltf.materials import occlude
-from aoprecalc.files.gltf.picture import add_texture, carry_images
+from aoprecalc.files.gltf.materials import occlude, own_materials, replaced_references
+from aoprecalc.files.gltf.orm import OrmPicture, orm_pictures
+from aoprecalc.files.gltf.picture import add_orm_textures, add_texture, carry_images
+from aoprecalc.files.images import read_image
 from aoprecalc.model import Atlas, Floats, Scene
 from aoprecalc.options import Pack
 
@@ -28,13 +31,26 @@ def write_gltf(
         document, buffer, sets, said = edit_document(scene.document, scene, atlas, normals)
     else:
         document, buffer, sets = fresh_document(scene, atlas, normals)
-    said += carry_images(outputs, path, document, buffer, scene.path)
-    number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.wraps)
-    said += about_texture + occlude(document, sets, number)
-    if is_fresh:
-        show_texture(document, sets, number)
+    materials, about_materials = own_materials(document, sets)
+    packed: dict[int, OrmPicture] = {}
+    about_packing: tuple[str, ...] = ()
+    if pack == "orm":
+        so_far = GltfDocument(scene.path, document, (buffer.data,))
+        packed, about_packing = orm_pictures(so_far, materials, atlas, read_image(outputs.written(texture)))
+
+    release(document, buffer, replaced_references(document, materials, packed))
+    about_images = carry_images(outputs, path, document, buffer, scene.path)
+    textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
+    about_texture: tuple[str, ...] = ()
+    if len(textures) < len(materials):
+        number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.wraps)
+        textures = dict.fromkeys(materials, number) | textures
+        if is_fresh:
+            show_texture(document, sets, number)
+    occlude(document, materials, textures, packed)
+    close_gaps(document)
     _write(outputs, path, document, buffer.data)
-    return said
+    return (*said, *about_materials, *about_packing, *about_images, *about_texture)
 
 
 def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
