@@ -2,8 +2,8 @@
 
     python examples/make_scene.py [FOLDER]
 
-Writes terrace.glb (y up): a table with a top of glass, four instances of one chair, and a plant whose leaves are squares
-with holes, on a slab. Needs Pillow, as trimesh does for textures.
+Writes terrace.glb (y up): a table with a top of glass, four instances of one chair, and a plant whose leaves are
+squares with holes, on a slab. Needs Pillow, as trimesh does for textures.
 """
 
 import argparse

@@ -136,7 +136,9 @@ def test_all_else_in_the_document_stays(gltf_cube, bake):
     for kind in ("asset", "extensionsUsed", "extensions", "cameras", "animations", "nodes"):
         assert after.json[kind] == before[kind]
     assert after.json["materials"][0] == before["materials"][0]
-    assert after.json["materials"][1] == before["materials"][1] | {"occlusionTexture": {"index": 1, "texCoord": 1}}
+    assert after.json["materials"][1] == before["materials"][1] | {
+        "occlusionTexture": {"index": 1, "texCoord": 1, "strength": 1}
+    }
     assert after.json["textures"][0] == before["textures"][0]
     assert after.json["images"][:2] == [before["images"][0], {"uri": "x_ao.png"}]
     assert after.json["meshes"][0]["extras"] == after.json["meshes"][0]["primitives"][0]["extras"] == extra
@@ -210,7 +212,10 @@ def test_strips_lines_and_shared_vertices(gltf, bake):
     assert occlusion_uvs(back) == pytest.approx(atlas.uvs, abs=1e-7)
     materials = back.document.json["materials"]
     assert materials[0] == {"name": "ink"}  # the lines have no UVs for the texture
-    assert materials[primitives[1]["material"]] == {"name": "ink", "occlusionTexture": {"index": 0}}
+    assert materials[primitives[1]["material"]] == {
+        "name": "ink",
+        "occlusionTexture": {"index": 0, "texCoord": 0, "strength": 1},
+    }
 
 
 def test_a_material_is_doubled_for_another_set(gltf_cube, bake):
@@ -224,8 +229,8 @@ def test_a_material_is_doubled_for_another_set(gltf_cube, bake):
     path, _, _, warnings = bake(maker.load(), "a.glb")
     document = load_scene(path).document.json
     first, second = document["meshes"][0]["primitives"]
-    assert document["materials"][first["material"]]["occlusionTexture"] == {"index": 0, "texCoord": 1}
-    assert document["materials"][second["material"]]["occlusionTexture"] == {"index": 0}
+    assert document["materials"][first["material"]]["occlusionTexture"] == {"index": 0, "texCoord": 1, "strength": 1}
+    assert document["materials"][second["material"]]["occlusionTexture"] == {"index": 0, "texCoord": 0, "strength": 1}
     assert first["extensions"]["KHR_materials_variants"]["mappings"][0]["material"] == first["material"]
     assert len(document["materials"]) == 2
     assert warnings == ("1 materials had an occlusion texture of their own, which was replaced",)

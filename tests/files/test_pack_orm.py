@@ -56,6 +56,11 @@ def rough(texture, **members):
     return {"pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": texture, **members}}}
 
 
+def occlusion_info(texture):
+    """How a material uses an occlusion texture that was baked for the first set of UVs."""
+    return {"index": texture, "texCoord": 0, "strength": 1}
+
+
 def infos(document, at=0):
     """The textureInfos of roughness and of occlusion."""
     material = document.json["materials"][at]
@@ -80,7 +85,7 @@ def test_channels_are_occlusion_roughness_and_metalness(cubes, gltf, pack, tmp_p
     document = GltfValues(path)
     roughness, occlusion = infos(document)
     assert roughness == {"index": 0, "extras": {"of": "ours"}}
-    assert occlusion == {"index": 0}
+    assert occlusion == occlusion_info(0)
     assert document.texture(0)["sampler"] == sampler
     assert np.array_equal(pixels(document, occlusion), np.dstack([AO, ROUGHNESS[:, :, 1:]]))
     assert np.array_equal(np.asarray(Image.open(path.parent / "x_ao.png")), AO)
@@ -280,7 +285,7 @@ def test_a_transform_that_changes_nothing_is_no_obstacle(cubes, gltf, pack, exte
     assert warnings == ()
     roughness, occlusion = infos(GltfValues(path))
     assert roughness == {"index": 0, **info}
-    assert occlusion == {"index": 0}
+    assert occlusion == occlusion_info(0)
 
 
 def test_the_second_set_was_kept(gltf_cube, pack):
@@ -306,7 +311,7 @@ def test_uvs_that_are_new_although_the_set_has_the_same_number(gltf, pack):
     attributes = {"POSITION": gltf.vertices(points, bounds=True), "NORMAL": gltf.vertices(normals)}
     gltf.node(mesh=gltf.mesh({"attributes": attributes, "material": material}))
     path, warnings = pack(gltf.load(), "a.glb", "xatlas")
-    assert infos(GltfValues(path)) == ({"index": 0}, {"index": 1})
+    assert infos(GltfValues(path)) == ({"index": 0}, occlusion_info(1))
     assert "on other UVs" in warnings[0]
 
 
@@ -315,7 +320,7 @@ def test_a_picture_that_held_all_three_gets_new_occlusion(cubes, gltf, pack):
     path, warnings = pack(cubes(rough(0) | {"occlusionTexture": info | {"strength": 0.5}}).load(), "a.glb")
     assert warnings == ("1 materials had an occlusion texture of their own, which was replaced",)
     document = GltfValues(path)
-    assert infos(document) == (info, info)
+    assert infos(document) == (info, occlusion_info(info["index"]))
     assert np.array_equal(pixels(document, info), np.dstack([AO, ROUGHNESS[:, :, 1:]]))
     assert len(document.json["images"]) == 1
 
@@ -328,7 +333,7 @@ def test_a_picture_that_others_need_stays(cubes, gltf, pack):
     material = document.json["materials"][0]
     assert material["extensions"] == coat
     assert document.texture(texture)["source"][0] == png(ROUGHNESS)
-    assert infos(document) == ({"index": 1}, {"index": 1})
+    assert infos(document) == ({"index": 1}, occlusion_info(1))
 
 
 def test_names_leave_those_of_carried_files_alone(cubes, gltf, pack):
@@ -370,6 +375,6 @@ def test_a_whole_bake_gives_a_valid_document(gltf, tmp_path, kind):
     result = bake_file(path, out, options=BakeOptions(32, 32, directions=64, pack="orm"))
     assert new_issues(path, result.mesh_path) == []
     document, (ao, *_) = GltfValues(result.mesh_path), read_image(result.texture_path)
-    assert infos(document, 0) == ({"index": 0}, {"index": 0})
+    assert infos(document, 0) == ({"index": 0}, occlusion_info(0))
     assert pixels(document, {"index": 0})[0, :, 0].tolist() == np.rint(255 * ao).tolist()
-    assert infos(document, 1) == (None, {"index": 1})
+    assert infos(document, 1) == (None, occlusion_info(1))

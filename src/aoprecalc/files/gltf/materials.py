@@ -65,7 +65,7 @@ def occlude(document: Json, sets: Mapping[int, int], textures: Mapping[int, int]
     for index, number in sets.items():
         material = document["materials"][index]
         # Nothing of an earlier one is kept: its KHR_texture_transform could choose another set than texCoord.
-        material["occlusionTexture"] = texture_reference(textures[index], number)
+        material["occlusionTexture"] = {"index": textures[index], "texCoord": number, "strength": 1.0}
         if index in packed:
             material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] = textures[index]
 
