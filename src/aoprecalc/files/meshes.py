@@ -11,6 +11,7 @@ from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.gltf.document import GltfDocument
 from aoprecalc.files.gltf.reader import read_gltf
 from aoprecalc.files.gltf.writer import write_gltf
+from aoprecalc.files.obj.library import material_use
 from aoprecalc.files.obj.reader import ObjDocument, read_obj
 from aoprecalc.files.obj.writer import write_obj
 from aoprecalc.files.off_reader import read_off
@@ -83,13 +84,23 @@ def source_files(scene: Scene) -> list[Path]:
     return [scene.path]
 
 
-def mesh_suffix(scene: Scene) -> tuple[str, str]:
-    """Return the extension (with its dot) that a baked copy of the scene gets, and why if it is another than before."""
+def mesh_suffix(scene: Scene, atlas: Atlas | None = None) -> tuple[str, str]:
+    """Return the extension (with its dot) that a baked copy of the scene gets, and why if it is another than before.
+
+    atlas   the UVs of the bake; None where they are not known yet and may be new ones
+
+    An OBJ stays one unless its set of UVs is needed by the pictures (map_Kd) of parts that receive, and for new UVs.
+    """
     if scene.kind not in WRITERS:
         return ".glb", f"{scene.kind.upper()} holds no UVs, so the mesh becomes a GLB"
-    materials = scene.document.materials.values() if isinstance(scene.document, ObjDocument) else ()
-    if any(material.picture is not None for material in materials):
-        return ".glb", "OBJ holds one set of UVs and its materials have textures already, so the mesh becomes a GLB"
+    if isinstance(scene.document, ObjDocument) and (atlas is None or atlas.uv_set is None):
+        used = dict.fromkeys(material for material, receives in map(material_use, scene.parts) if receives)
+        known = scene.document.materials
+        pictured = [name for name in used if name in known and known[name].picture is not None]
+        if pictured:
+            names = ", ".join(pictured[:3]) + (", ..." if len(pictured) > 3 else "")
+            found = f"OBJ holds one set of UVs, which the textures of its materials ({names}) need"
+            return ".glb", f"{found}, so the mesh becomes a GLB with both"
     return f".{scene.kind}", ""
 
 
@@ -123,7 +134,7 @@ def write_baked_mesh(
     pack           orm: glTF has the texture in one picture with roughness and metalness where these have the same UVs
 
     A glTF document keeps everything else, and has the texture as occlusion texture; OBJ and PLY refer to it by
-    map_Kd and a TextureFile comment. A GLB holds the texture in itself.
+    map_Kd or map_Ka and a TextureFile comment. A GLB holds the texture in itself.
 
     Returns lines that the user should see. Raises UsageError for another extension, OutputError where a file cannot be
     written.

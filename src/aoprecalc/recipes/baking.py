@@ -88,14 +88,17 @@ def bake(
         with watch.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        suffix, reason = mesh_suffix(scene)
-        mesh_path = output_place(mesh_output, texture_path.parent / f"{mesh.stem}_ao{suffix}")
+        folder = texture_path.parent
+        mesh_path = output_place(mesh_output, folder / f"{mesh.stem}_ao{mesh_suffix(scene)[0]}")
         check_mesh_suffix(mesh_path, options.pack)
         claim(outputs, mesh_output, mesh_path)
         report_path = None if report is None else output_place(report, f"{mesh.stem}_report.json")
         if report_path is not None:
             claim(outputs, report, report_path)
         baked = bake_scene(scene, options, progress, watch)
+        suffix, reason = mesh_suffix(baked.scene, baked.atlas)
+        mesh_path = output_place(mesh_output, folder / f"{mesh.stem}_ao{suffix}")
+        check_mesh_suffix(mesh_path, options.pack)
         with watch.stage("write"):
             written = outputs.path(texture_path)
             write_image(written, baked.texture.values, options.bit_depth)

@@ -1,8 +1,15 @@
 """The material libraries of OBJ files."""
 
+import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from aoprecalc.files.references import relative_path
+
+# Statements that name a picture.
+_MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -45,15 +52,35 @@ def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material
     return materials
 
 
+def names_picture(line: str) -> bool:
+    """Tell whether a line of an MTL names a picture."""
+    return _MAP.match(line) is not None
+
+
+def moved(line: str, source: Path, target: Path) -> str:
+    """Return a line of an MTL in the folder of `source` as it reads beside `target`."""
+    name = _file_name(_statement(line)[1]) if names_picture(line) else ""
+    file = source.parent / name.replace("\\", "/")
+    if not name or source.parent.resolve() == target.parent.resolve() or not os.path.isfile(file):
+        return line
+    return line.removesuffix(name) + relative_path(file, target)
+
+
 def _material(folder: Path, name: str, lines: Sequence[str]) -> Material:
     color, pictures = (1.0, 1.0, 1.0), dict[str, Path]()
     for line in lines:
-        keyword, _, rest = line.partition(" ")
+        keyword, rest = _statement(line)
         if keyword == "Kd":
             color = _color(rest.split()) or color
-        elif keyword.lower() in ("map_kd", "map_ka"):
+        elif keyword.lower() in ("map_kd", "map_ka") and rest:
             pictures[keyword.lower()] = folder / _file_name(rest).replace("\\", "/")
     return Material(name, tuple(lines), color, pictures.get("map_kd"), pictures.get("map_ka"))
+
+
+def _statement(line: str) -> tuple[str, str]:
+    """Split a line into its keyword and what follows."""
+    keyword, *rest = line.split(None, 1) or [""]
+    return keyword, rest[0] if rest else ""
 
 
 def _color(words: Sequence[str]) -> tuple[float, float, float] | None:

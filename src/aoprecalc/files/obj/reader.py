@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from aoprecalc.files.damage import damaged
 from aoprecalc.files.obj.materials import Material, read_materials
 from aoprecalc.files.pieces import Piece, build_scene
-from aoprecalc.files.polygons import polygon_triangles
-from aoprecalc.model import Doubles, Scene
+from aoprecalc.files.polygons import Polygons, polygon_triangles
+from aoprecalc.model import Doubles, Ints, Scene
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,22 @@ class Section:
         return self.group or self.object or self.material or "mesh"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObjDocument:
-    """What an OBJ holds beside its faces: its materials by name, and the MTL files that they were looked for in."""
+    """An OBJ as its writer needs it again.
 
+    text           all its lines, continued ones joined
+    corners        (c, 3) int32: which v, vt and vn each corner of each `f` line has, counted from 0, -1 for none
+    polygons       one for each `f` line; its corners are those
+    whole_normals  every corner has a normal of some length
+    materials      by name
+    libraries      the MTL files that they were looked for in
+    """
+
+    text: str
+    corners: Ints
+    polygons: Polygons
+    whole_normals: bool
     materials: dict[str, Material]
     libraries: tuple[Path, ...] = ()
 
@@ -62,12 +74,14 @@ def read_obj(path: Path, data: bytes) -> Scene:
 
     Raises InputError where it cannot be understood or has no usable faces.
     """
-    lines = _sort_lines(data.decode("utf-8-sig", "surrogateescape"))
+    text = _join_lines(data.decode("utf-8-sig", "surrogateescape"))
+    lines = _sort_lines(text)
     positions = _numbers(path, "vertex (v)", lines.v, 3, 3)
     uvs = _numbers(path, "texture coordinate (vt)", lines.vt, 1, 2)
     normals = _numbers(path, "normal (vn)", lines.vn, 3, 3)
     counts, corners = _corners(path, lines, (len(positions), len(uvs), len(normals)))
     triangles, owners = polygon_triangles(counts, corners[:, 0], positions)
+    polygons = Polygons(counts, triangles, owners)
     warnings = []
     if too_small := int(np.count_nonzero(counts < 3)):
         warnings.append(f"{too_small} faces of fewer than 3 corners are skipped")
@@ -83,16 +97,28 @@ def read_obj(path: Path, data: bytes) -> Scene:
     if not pieces:
         pieces = [Piece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
     libraries = tuple(path.parent / library for library in lines.libraries)
-    document = ObjDocument(read_materials(path.parent, lines.libraries), libraries)
+    materials = read_materials(path.parent, lines.libraries)
+    whole_normals = bool((corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all())
+    document = ObjDocument(text, corners.astype(np.int32), polygons, whole_normals, materials, libraries)
     return build_scene(path, "obj", pieces, document, warnings)
+
+
+def statement(line: str) -> tuple[str, str, str]:
+    """Split a line into its keyword, a space and what follows."""
+    return line.strip().replace("\t", " ").partition(" ")
+
+
+def _join_lines(text: str) -> str:
+    """Return a text in which every statement has one line."""
+    return text.replace("\\\r\n", " ").replace("\\\n", " ").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _sort_lines(text: str) -> _Lines:
     lines = _Lines([], [], [], [], [], [(Section(), 0)], [])
     keep = {"v": lines.v, "vt": lines.vt, "vn": lines.vn}
     section = Section()
-    for line in text.replace("\\\r\n", " ").replace("\\\n", " ").replace("\r", "\n").split("\n"):
-        keyword, _, rest = line.strip().replace("\t", " ").partition(" ")
+    for line in text.split("\n"):
+        keyword, _, rest = statement(line)
         if keyword in keep:
             keep[keyword].append(rest)
         elif keyword == "f":

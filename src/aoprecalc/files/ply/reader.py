@@ -5,7 +5,7 @@ strips for a cloud of points, and reorders the vertices where there are UVs.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from aoprecalc.files.damage import check_indices, damaged
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.ply.table import Element, Property, Table, read_table
-from aoprecalc.files.polygons import polygon_triangles, strip_triangles
+from aoprecalc.files.polygons import Polygons, polygon_triangles, strip_triangles
 from aoprecalc.model import Doubles, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -24,61 +24,95 @@ VERTEX_NORMALS = ("nx", "ny", "nz")
 FACE_LISTS = ("vertex_indices", "vertex_index")
 
 
-@dataclass(frozen=True, eq=False)
-class PlyDocument:
-    """What a PLY holds beside its faces.
+REWRITTEN = ("vertex", "face", "tristrips")
 
-    columns   properties of vertices beside position, normal and UV (colours, say), to be passed on: name -> (n,)
-              values, of the type that they had in the file
-    picture   the file of its texture, where a `comment TextureFile` names one
+
+@dataclass(frozen=True)
+class _Header:
+    """What a header announces.
+
+    order     of the bytes in `body`, which follows it: < or >; or ascii
+    comments  its lines `comment` and `obj_info`, but for the name of its texture
+    texture   what the first `comment TextureFile` names, as MeshLab writes it
     """
 
-    columns: dict[str, NDArray[Any]]
+    elements: list[Element]
+    order: str
+    body: bytes
+    comments: tuple[str, ...]
+    texture: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class PlyDocument:
+    """A PLY as its writer needs it again. Properties are of the types and in the order that they had in the file.
+
+    vertices   every property of the vertices that is no list: name -> (n,) values
+    polygons   its faces, and after them the triangles of its strips; their corners are in Part.vertices
+    faces      the same of its faces: name -> (polygons,) values, 0 for the triangles of strips
+    others     the elements beside vertices, faces and strips
+    comments   its lines `comment` and `obj_info`, but for the name of its texture
+    picture    the file of its texture, where a `comment TextureFile` names one
+    """
+
+    vertices: dict[str, NDArray[Any]]
+    polygons: Polygons
+    faces: dict[str, NDArray[Any]]
+    others: tuple[tuple[Element, Table], ...] = ()
+    comments: tuple[str, ...] = ()
     picture: Path | None = None
 
 
 def read_ply(path: Path, data: bytes) -> Scene:
     """Read a PLY file of the given bytes; raises InputError where it is damaged or has no usable faces."""
-    elements, body, order = _header(path, data)
-    tables = read_table(path, elements, body, order)
-    vertex = tables.get("vertex", Table({}, {}))
-    if not all(axis in vertex.columns for axis in "xyz"):
+    header = _header(path, data)
+    tables = read_table(path, header.elements, header.body, header.order)
+    columns = tables.get("vertex", Table({}, {})).columns
+    if not all(axis in columns for axis in "xyz"):
         raise damaged(path, "its vertices have no x, y and z, which were expected")
-    positions = np.column_stack([vertex.columns[axis] for axis in "xyz"]).astype(np.float64)
-    uv_names = next((names for names in VERTEX_UVS if all(name in vertex.columns for name in names)), None)
+    positions = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
 
-    vertices, corner_uvs = _faces(positions, tables)
+    polygons, vertices, corner_uvs = _faces(positions, tables)
+    face_columns = tables.get("face", Table({}, {})).columns if len(polygons.counts) else {}
     strips = _strips(tables)
     if len(strips):
-        vertices, corner_uvs = np.concatenate([vertices, strips]), None
+        polygons, corner_uvs = polygons.followed_by(Polygons.of_triangles(len(strips))), None
+        vertices = np.concatenate([vertices, strips])
+        face_columns = {name: np.pad(column, (0, len(strips))) for name, column in face_columns.items()}
     check_indices(path, vertices, len(positions))
-    if uv_names is not None:
-        corner_uvs = np.column_stack([vertex.columns[name] for name in uv_names])[vertices]
+    if names := uv_names(columns):
+        corner_uvs = np.column_stack([columns[name] for name in names])[vertices]
     normals = None
-    if all(name in vertex.columns for name in VERTEX_NORMALS):
-        normals = np.column_stack([vertex.columns[name] for name in VERTEX_NORMALS])[vertices]
+    if all(name in columns for name in VERTEX_NORMALS):
+        normals = np.column_stack([columns[name] for name in VERTEX_NORMALS])[vertices]
 
     uv_sets = () if corner_uvs is None else (corner_uvs,)
-    known = {*"xyz", *VERTEX_NORMALS, *(uv_names or ())}
-    others = {name: column for name, column in vertex.columns.items() if name not in known}
-    document = PlyDocument(others, _texture_file(path, data))
+    others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in REWRITTEN)
+    picture = None if header.texture is None else path.parent / header.texture.replace("\\", "/")
+    document = PlyDocument(columns, polygons, face_columns, others, header.comments, picture)
     return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, uv_sets)], document)
 
 
-def _faces(positions: Doubles, tables: dict[str, Table]) -> tuple[NDArray[np.int64], Doubles | None]:
-    """Return (f, 3) vertices and, where the faces carry UVs themselves, (f, 3, 2) UVs at the corners."""
+def uv_names(columns: Collection[str]) -> tuple[str, ...]:
+    """Return what the UVs of vertices are called among the names of their properties; nothing where there are none."""
+    return next((names for names in VERTEX_UVS if all(name in columns for name in names)), ())
+
+
+def _faces(positions: Doubles, tables: dict[str, Table]) -> tuple[Polygons, NDArray[np.int64], Doubles | None]:
+    """Return polygons, the (f, 3) vertices of their triangles and, where faces carry UVs, (f, 3, 2) at the corners."""
     face = tables.get("face", Table({}, {}))
-    polygons = next((face.lists[name] for name in FACE_LISTS if name in face.lists), None)
-    if polygons is None:
-        return np.empty((0, 3), dtype=np.int64), None
-    vertices = polygons.values.astype(np.int64)
+    lists = next((face.lists[name] for name in FACE_LISTS if name in face.lists), None)
+    if lists is None:
+        return Polygons.of_triangles(0), np.empty((0, 3), dtype=np.int64), None
+    vertices = lists.values.astype(np.int64)
     known = (vertices >= 0) & (vertices < len(positions))
     # Indices that are wrong are reported later; until then any position will do.
-    triangles, _ = polygon_triangles(polygons.counts, np.where(known, vertices, 0), positions)
+    polygons = Polygons(lists.counts, *polygon_triangles(lists.counts, np.where(known, vertices, 0), positions))
     texcoord = face.lists.get("texcoord")
-    if texcoord is None or not np.array_equal(texcoord.counts, 2 * polygons.counts):
-        return vertices[triangles], None
-    return vertices[triangles], texcoord.values.astype(np.float64).reshape(-1, 2)[triangles]
+    if texcoord is None or not np.array_equal(texcoord.counts, 2 * lists.counts):
+        return polygons, vertices[polygons.triangles], None
+    uvs = texcoord.values.astype(np.float64).reshape(-1, 2)
+    return polygons, vertices[polygons.triangles], uvs[polygons.triangles]
 
 
 def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
@@ -90,15 +124,15 @@ def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
     return strip_triangles(np.insert(lists.values.astype(np.int64), ends, -1))
 
 
-def _header(path: Path, data: bytes) -> tuple[list[Element], bytes, str]:
-    """Return the elements that the header announces, the bytes after it, and their order: ascii, < or >."""
+def _header(path: Path, data: bytes) -> _Header:
     end = data.find(b"end_header")
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
         raise damaged(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
-    order = ""
+    order, texture = "", None
     elements: list[Element] = []
-    for line in data[:end].decode("latin-1").splitlines():
+    comments: list[str] = []
+    for line in re.split("[\r\n]+", data[:end].decode("utf-8", "surrogateescape")):
         words = line.split()
         if words[:1] == ["format"] and len(words) >= 2:
             order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
@@ -106,16 +140,13 @@ def _header(path: Path, data: bytes) -> tuple[list[Element], bytes, str]:
             elements.append(Element(words[1], int(words[2]), []))
         elif words[:1] == ["property"]:
             elements[-1].properties.append(_property(path, words))
+        elif words[:2] == ["comment", "TextureFile"] and len(words) > 2:
+            texture = texture or line.split(None, 2)[2].rstrip()
+        elif words[:1] in (["comment"], ["obj_info"]):
+            comments.append(line)
     if not order:
         raise damaged(path, "its PLY header names no known format, ascii or binary was expected")
-    return elements, data[line_end + 1 :], order
-
-
-def _texture_file(path: Path, data: bytes) -> Path | None:
-    """Return the file that the header's first `comment TextureFile` names, as MeshLab writes it."""
-    header = data[: data.find(b"end_header")].decode("utf-8", "surrogateescape")
-    named = re.search(r"^comment\s+TextureFile\s+(\S.*?)\s*$", header, re.MULTILINE)
-    return path.parent / named[1].replace("\\", "/") if named else None
+    return _Header(elements, order, data[line_end + 1 :], tuple(comments), texture)
 
 
 def _property(path: Path, words: Sequence[str]) -> Property:

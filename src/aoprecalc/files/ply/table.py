@@ -1,4 +1,4 @@
-"""The body of a PLY file: rows of numbers and lists, as its header announces them."""
+"""The body of a PLY file: rows of numbers and lists, as its header announces them, read and written."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +32,12 @@ class Property:
         for kind in (self.kind, self.count or self.kind):
             TYPES[kind]
 
+    @property
+    def line(self) -> str:
+        """The line that announces it."""
+        kinds = self.kind if self.count is None else f"list {self.count} {self.kind}"
+        return f"property {kinds} {self.name}"
+
 
 @dataclass(frozen=True)
 class Element:
@@ -40,6 +46,11 @@ class Element:
     name: str
     count: int
     properties: list[Property]
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines that announce it."""
+        return [f"element {self.name} {self.count}", *(prop.line for prop in self.properties)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +90,45 @@ def read_table(path: Path, elements: list[Element], body: bytes, order: str) -> 
         except (IndexError, ValueError):
             raise damaged(path, f"not all of the {element.count} expected rows of {element.name!a} are there") from None
     return tables
+
+
+def element_bytes(element: Element, table: Table) -> bytes:
+    """Return the rows of an element as they stand in a little-endian binary file."""
+    lists = [table.lists[prop.name].counts for prop in element.properties if prop.count]
+    lengths = np.column_stack([np.zeros(element.count, dtype=np.int64), *lists])
+    if (lengths == lengths[:1]).all():
+        return _block(element, table, np.arange(element.count)).tobytes()
+    kinds, kind = np.unique(lengths, axis=0, return_inverse=True)
+    chosen = [np.flatnonzero(kind.reshape(-1) == at) for at in range(len(kinds))]
+    blocks = [_block(element, table, rows) for rows in chosen]
+    sizes = np.array([block.dtype.itemsize for block in blocks], dtype=np.int64)[kind.reshape(-1)]
+    starts = np.cumsum(sizes) - sizes
+    result = np.empty(sizes.sum(), dtype=np.uint8)
+    for rows, block in zip(chosen, blocks, strict=True):
+        size = block.dtype.itemsize
+        result[starts[rows][:, None] + np.arange(size)] = block.view(np.uint8).reshape(-1, size)
+    return result.tobytes()
+
+
+def _block(element: Element, table: Table, rows: Places) -> NDArray[Any]:
+    """Return some rows of an element whose lists are as long in one as in the other, as structured numbers."""
+    fields: list[tuple[Any, ...]] = []
+    values: dict[str, NDArray[Any]] = {}
+    for prop in element.properties:
+        if prop.count is None:
+            fields.append((prop.name, "<" + TYPES[prop.kind]))
+            values[prop.name] = table.columns[prop.name][rows]
+            continue
+        entries = table.lists[prop.name]
+        length = int(entries.counts[rows[0]]) if len(rows) else 0
+        starts = (np.cumsum(entries.counts) - entries.counts)[rows]
+        fields += [(f"count of {prop.name}", "<" + TYPES[prop.count]), (prop.name, "<" + TYPES[prop.kind], (length,))]
+        values[f"count of {prop.name}"] = entries.counts[rows]
+        values[prop.name] = entries.values[starts[:, None] + np.arange(length)]
+    block = np.empty(len(rows), dtype=fields)
+    for name, column in values.items():
+        block[name] = column
+    return block
 
 
 class _Bytes:

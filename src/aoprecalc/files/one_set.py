@@ -1,0 +1,32 @@
+"""What becomes of a bake in a format that holds one set of UVs and one place for each part."""
+
+from pathlib import Path
+
+import numpy as np
+
+from aoprecalc.model import Atlas, Doubles, Scene
+
+_SWAPPED = [0, 2, 1]
+
+
+def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
+    """Return the atlas's UVs, (f, 3, 2), where parts that share a place have those of its owner.
+
+    They are (0, 0) on parts that do not receive.
+    """
+    uvs = np.where(scene.receives[:, None, None], atlas.uvs, 0.0)
+    for part in scene.parts:
+        if part.receives and part.shares is not None:
+            owner = scene.parts[part.shares]
+            mirrored = (part.vertices != owner.vertices).any(axis=1)
+            there = atlas.uvs[owner.faces]
+            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, _SWAPPED], there)
+    return uvs
+
+
+def lost_uvs(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
+    """Return what the user should know where the file's own UVs make room for the atlas's."""
+    if not scene.uv_sets or atlas.uv_set == 0:
+        return ()
+    kind = path.suffix.removeprefix(".").upper()
+    return (f"{path}: {kind} holds one set of UVs; those of {scene.path.name} are replaced, a .glb would hold both",)
