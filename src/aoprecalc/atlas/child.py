@@ -1,4 +1,4 @@
-"""Both ends of a child process, for work that neither releases the interpreter nor can be interrupted.
+"""Both ends of a child process, for work that cannot be interrupted or that a fault of its own may stop for ever.
 
 The child reads one request from standard input and writes one answer to standard output. On standard error it says each
 step that it comes to, one a line, and where it fails, last of all why.
@@ -6,6 +6,7 @@ step that it comes to, one a line, and where it fails, last of all why.
 
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,9 @@ Look = Callable[[str], None]  # is called with the step under way, again and aga
 
 POLL = 0.05  # seconds between two looks at the work
 FIRST_STEP = "starting"
+
+# What a thread written in Rust says before it dies, and the others wait for it: where, and on the next line why.
+_PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
 
 _STEP = "step: "  # begins the lines that are steps
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -49,7 +53,11 @@ def _listen(child: "subprocess.Popen[bytes]", look: Look) -> tuple[bytes, bytes]
         try:
             return child.communicate(timeout=POLL)
         except subprocess.TimeoutExpired as pause:  # nothing is lost: the next call returns it all
-            look(_heard(pause.stderr or b"")[0])
+            said = pause.stderr or b""
+            if panic := _PANIC.search(said):
+                reason = panic[1].decode(errors="replace").strip()
+                raise ChildProcessError(f"a fault inside it ({reason})") from pause
+            look(_heard(said)[0])
 
 
 def _heard(said: bytes) -> tuple[str, str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from aoprecalc.atlas.gutter import doubled_areas
 from aoprecalc.atlas.unwrap import owns_place, unwrap
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.model import Atlas, Scene, UvCheck
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
@@ -47,9 +47,18 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
     large = np.count_nonzero(owns_place(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)
-    method: Literal["xatlas", "uvunwrap"] = "uvunwrap" if fast else "xatlas"
-    atlas = unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
-    return replace(atlas, checks=tuple(checks))
+
+    def unwrap_by(method: Literal["xatlas", "uvunwrap"]) -> Atlas:
+        atlas = unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
+        return replace(atlas, checks=tuple(checks))
+
+    try:
+        return unwrap_by("uvunwrap" if fast else "xatlas")
+    except AoprecalcError as error:
+        if not (fast and options.unwrap == "auto" and isinstance(error.__cause__, ChildProcessError)):
+            raise
+        progress.note(f"xatlas is used instead: {error}")
+        return unwrap_by("xatlas")
 
 
 def check_uvs(sampler: Sampler, scene: Scene, number: int, width: int, height: int) -> tuple[UvCheck, Atlas | None]:

@@ -3,21 +3,20 @@
 import io
 import sys
 import time
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from aoprecalc.atlas.child import FIRST_STEP, POLL, Look, ask
-from aoprecalc.atlas.gutter import LEAST, chart_size, choose_gutter
+from aoprecalc.atlas.child import Look, ask
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import face_directions
 
 LEAST_SIZE = 16  # texels
-_MANY_CHARTS = 1500  # above this, uvunwrap's fast packing: the better one takes longer than the bake
-_PACKINGS = 8  # tries at one page
-_THINNER = 0.85  # of the density that needed more pages
-_XATLAS = [sys.executable, "-P", "-m", "aoprecalc.atlas.xatlas_child"]  # -P: no modules of the current folder
+_CHILDREN = {  # -P: no modules of the current folder
+    name: [sys.executable, "-P", "-m", f"aoprecalc.atlas.{name}_child"] for name in ("xatlas", "uvunwrap")
+}
+_OTHER = {"xatlas": "uvunwrap", "uvunwrap": "xatlas"}
 _ELSE = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}  # where time is short
 
 
@@ -57,8 +56,7 @@ def unwrap(
                 f"{step}; allow more time or {_ELSE[method]}"
             )
 
-    engine = _xatlas if method == "xatlas" else _uvunwrap
-    uvs, placed, charts, gutter = engine(positions, faces, size, padding, look)
+    uvs, placed, charts, gutter = _ask(method, positions, faces, size, padding, look)
     everywhere: Doubles = np.zeros((len(scene.faces), 3, 2))
     everywhere[solid] = uvs
     solid[solid] = placed
@@ -79,76 +77,15 @@ def owns_place(scene: Scene) -> Mask:
     return solid
 
 
-def _xatlas(positions: Floats, faces: Ints, size: int, padding: int, look: Look) -> tuple[Doubles, Mask, int, int]:
+def _ask(
+    method: Literal["xatlas", "uvunwrap"], positions: Floats, faces: Ints, size: int, padding: int, look: Look
+) -> tuple[Doubles, Mask, int, int]:
+    """Return UVs (f, 3, 2), placed (f,), the number of charts and the gutter, from a process of the unwrapper's own."""
     request = io.BytesIO()
     np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)
     try:
-        answer = np.load(io.BytesIO(ask(_XATLAS, request.getvalue(), look)))
+        answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), look)))
     except ChildProcessError as error:
-        message = f"xatlas could not unwrap {len(faces)} faces: {error}; or try --unwrap uvunwrap"
+        message = f"{method} could not unwrap {len(faces)} faces: {error}; or try --unwrap {_OTHER[method]}"
         raise AoprecalcError(message) from error
-    return answer["uvs"], answer["placed"], int(answer["charts"]), int(answer["gutter"])
-
-
-def _uvunwrap(positions: Floats, faces: Ints, size: int, padding: int, look: Look) -> tuple[Doubles, Mask, int, int]:
-    mesh = _uvunwrap_mesh(positions, faces)
-    # A quick first packing tells how much outline there is, and so how much gutter the page has room for.
-    uvs, placed, corners, charts = _run_uvunwrap(mesh, size, LEAST, "fast", look)
-    area, outline = chart_size(uvs[placed] * size, corners[placed])
-    gutter = choose_gutter(area, outline, size, padding)
-    packing: Literal["shape", "fast"] = "fast" if charts > _MANY_CHARTS else "shape"
-    if gutter > LEAST or packing == "shape":
-        uvs, placed, corners, charts = _run_uvunwrap(mesh, size, gutter, packing, look)
-    return uvs, placed, charts, gutter
-
-
-def _uvunwrap_mesh(positions: Floats, faces: Ints) -> Any:
-    import uvunwrap
-
-    return uvunwrap.Mesh(positions, faces.astype(np.uint32))
-
-
-def _run_uvunwrap(
-    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], look: Look
-) -> tuple[Doubles, Mask, Ints, int]:
-    """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
-    density = None
-    for _ in range(_PACKINGS):
-        atlas = _pack_uvunwrap(mesh, size, gutter, packing, density, look)
-        if atlas.page_count == 1:
-            break
-        density = _THINNER * atlas.texels_per_unit
-    else:
-        raise AoprecalcError(f"the charts need {atlas.page_count} pages of {size} x {size} texels; use a larger --size")
-    page = atlas.meshes[0]
-    corners: Ints = np.array(page.indices, np.int32).reshape(-1, 3)
-    placed: Mask = (np.array(page.page)[corners] == 0).all(axis=1)
-    uvs = np.array(page.uv, np.float64).reshape(-1, 2)[corners] * (atlas.width / size, atlas.height / size)
-    return uvs, placed, corners, atlas.chart_count
-
-
-def _pack_uvunwrap(
-    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"], density: float | None, look: Look
-) -> Any:
-    """Return uvunwrap's atlas, of `density` texels a unit or what it thinks will fit; can be interrupted."""
-    import uvunwrap
-
-    job = uvunwrap.start([mesh], page_size=size, padding=gutter, packing=packing, texels_per_unit=density)
-    try:
-        while not job.done:
-            look(_step(job.progress))
-            time.sleep(POLL)
-        return job.result()
-    except uvunwrap.UnwrapError as error:
-        raise AoprecalcError(f"uvunwrap failed ({error}); try --unwrap xatlas") from error
-    except BaseException:
-        job.cancel()
-        raise
-
-
-def _step(progress: Any) -> str:
-    """Say in words what uvunwrap's job is at; its packing counts tries and does not know how many there will be."""
-    if progress is None:
-        return FIRST_STEP
-    count = f"{progress.done} of {progress.total}" if progress.total else f"try {progress.done}"
-    return f"{progress.stage}, {count}"
+    return answer["uvs"].astype(np.float64), answer["placed"], int(answer["charts"]), int(answer["gutter"])
