@@ -22,6 +22,8 @@ Ints = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 Wrap = Literal["repeat", "mirror", "clamp"]
 
+SWAPPED = [0, 2, 1]  # corners of a face, where a mirrored placement would turn it inside out
+
 
 @dataclass(frozen=True, eq=False)
 class Cutout:
@@ -159,14 +161,14 @@ class UvCheck:
 
     uv_set       its number
     flat_faces   how many faces with area have none in UV space
-    tiles        repeats of the texture that a face spans at most
+    tiles        on how many repeats of the texture, along an axis, a face lies at most
     overlap      share of the covered texels that lie inside two triangles; None where something else ruled it out
     fault        why it cannot, in words; empty where it can
     """
 
     uv_set: int
     flat_faces: int
-    tiles: float
+    tiles: int
     overlap: float | None
     fault: str
 

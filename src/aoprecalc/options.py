@@ -90,6 +90,12 @@ class LightOptions:
     ground: bool = False
     up: Up = "auto"
 
+    def __post_init__(self) -> None:
+        """Raise UsageError where a value is out of its range."""
+        _check(self)
+        if self.up != "auto" and not self.ground:
+            raise UsageError(f"--up {self.up} says where the floor is, but there is none; add --ground or omit it")
+
 
 @dataclass(frozen=True)
 class BakeOptions(LightOptions):
@@ -108,7 +114,7 @@ class BakeOptions(LightOptions):
     padding         texels by which charts are extended into the gutter around them
     fill            what the texels of no chart hold: mean, pushpull or none (0)
     bit_depth       auto: 8 for PNG, half for EXR, 8 for others
-    normals         auto: the file's, else smooth; flat: the faces' own
+    normals         auto: the file's (glTF without any: flat), else smooth; flat: the faces' own
     crease_angle    degrees: edges that bend more are hard where normals are made; None: 180, and 40 for STL
     target_error    stop before `directions` once the estimated sampling error (RMS) is at most this; None: never
     threads         for software rendering and rays; 0: all cores; a process keeps to what its first bake asked for
@@ -143,7 +149,7 @@ class BakeOptions(LightOptions):
 
     def __post_init__(self) -> None:
         """Raise UsageError where a value is out of its range."""
-        _check(self)
+        super().__post_init__()
         if self.unwrap_timeout == 0:
             raise UsageError("--unwrap-timeout is 0; expected more, or no such option for no limit")
 
@@ -221,7 +227,3 @@ class VerifyOptions(LightOptions):
     crease_angle: float | None = None
     tolerance: float | None = None
     threads: int = 0
-
-    def __post_init__(self) -> None:
-        """Raise UsageError where a value is out of its range."""
-        _check(self)

@@ -103,16 +103,16 @@ def test_a_texture_transform_moves_the_holes(gltf, picture):
 def test_a_picture_without_alpha_has_no_holes_and_a_missing_one_is_told(gltf, tmp_path):
     write_colors(tmp_path / "plain.png", np.zeros((2, 2, 3), np.uint8))
     assert read_image(tmp_path / "plain.png").max() == 0
-    gltf.json |= {"images": [{"uri": "plain.png"}, {"uri": "none.png"}], "textures": [{"source": 0}, {"source": 1}]}
-    for texture in (0, 1):
+    gltf.json |= {"images": [{"uri": "plain.png"}, {"uri": "none.png"}], "textures": [{"source": 0}, {"source": 1}, {}]}
+    for texture in (0, 1, 2):
         color = {"baseColorTexture": {"index": texture}}
         uvs = np.zeros((3, 2), "<f4")
         gltf.node(mesh=gltf.mesh(primitive(gltf, {"alphaMode": "MASK", "pbrMetallicRoughness": color}, TEXCOORD_0=uvs)))
     scene = gltf.load("made.gltf")
-    assert [part.look.cutout.alpha.min() for part in scene.parts] == [1, 1]
-    assert len(scene.warnings) == 1
-    assert "holes are not known" in scene.warnings[0]
+    assert [part.look.cutout.alpha.min() for part in scene.parts] == [1, 1, 1]
+    assert ["holes are not known" in line for line in scene.warnings] == [True, True]
     assert "none.png" in scene.warnings[0]
+    assert "texture 2 has no picture" in scene.warnings[1]
 
 
 def test_a_mirrored_part_has_its_holes_where_its_corners_are(gltf, picture):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.files import load_scene
-from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake
+from aoprecalc.options import BakeOptions, VerifyOptions
+from aoprecalc.recipes import bake, verify
 
 
 @pytest.fixture
@@ -126,3 +126,37 @@ def test_repeated_meshes_are_given_back_with_their_extension(gltf_cube, bake_glt
     assert [part["shares"] for part in report["parts"]] == [None, 0]
     scenes = [load_scene(tmp_path / name) for name in ("made.gltf", "out/made_ao.gltf")]
     assert np.array_equal(scenes[0].corners, scenes[1].corners)
+
+
+def test_numbers_that_an_unknown_extension_may_know_stay(gltf_cube, bake_gltf):
+    """VRM names textures and images under names of its own."""
+    gltf, cube = gltf_cube
+    picture = {"uri": "data:image/png;base64,AAAA"}
+    gltf.json |= {"images": [picture] * 4, "textures": [{"source": at} for at in range(4)]}
+    gltf.json |= {"extensionsUsed": ["VRM"], "extensions": {"VRM": {"meta": {"texture": 3}}}}
+    gltf.json["materials"] = [{"occlusionTexture": {"index": at}} for at in (0, 1)]
+    gltf.node(mesh=gltf.mesh(cube | {"material": 0}, cube | {"material": 1}))
+    before, after, _ = bake_gltf()
+    assert after["textures"][:4] == before["textures"]
+    assert len(after["images"]) == 5
+    assert after["extensions"] == before["extensions"]
+
+
+def test_an_extension_that_may_count_vertices_is_told(gltf_cube, bake_gltf):
+    gltf, cube = gltf_cube
+    outline = {"CESIUM_primitive_outline": {"indices": cube["indices"]}}
+    gltf.json["extensionsUsed"] = ["CESIUM_primitive_outline"]
+    gltf.node(mesh=gltf.mesh(cube | {"extensions": outline}))
+    assert any("CESIUM_primitive_outline, which may count" in line for line in bake_gltf()[2]["warnings"])
+
+
+def test_the_error_of_shared_places_is_told(gltf_cube, tmp_path):
+    gltf, cube = gltf_cube
+    mesh = gltf.mesh(cube)
+    for x in (0, 2.5):
+        gltf.node(mesh=mesh, translation=[x, 0, 0])
+    options = BakeOptions(64, 64, directions=256, instances="share", unwrap="xatlas")
+    result = bake(gltf.save("made.gltf"), f"{tmp_path}/out/", options=options, verify=True)
+    said = verify(result.mesh_path, options=VerifyOptions(points=500)).report["warnings"]
+    for warnings in (said, result.report["warnings"]):
+        assert any("1 parts share their places" in line for line in warnings)

@@ -302,3 +302,13 @@ def test_normals_of_skinned_meshes_come_back_through_their_joints(gltf, bake):
     assert back.corners == pytest.approx(scene.corners)
     assert back.normals == pytest.approx(normals, abs=1e-6)
     assert occlusion_uvs(back) == pytest.approx(atlas.uvs, abs=1e-7)
+
+
+def test_numbers_that_are_not_finite_leave_the_document_valid_json(gltf_cube, bake):
+    maker, primitive = gltf_cube
+    tangents = np.tile([1, 0, 0, 1], (24, 1)).astype("<f4")
+    tangents[3, 0] = np.nan
+    primitive["attributes"]["TANGENT"] = maker.accessor(tangents, min=[1, 0, 0, 1], max=[1, 0, 0, 1])
+    maker.node(mesh=maker.mesh(primitive))
+    path, *_ = bake(maker.load(), "cube_ao.gltf")
+    json.loads(path.read_text(), parse_constant=pytest.fail)

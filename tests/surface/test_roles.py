@@ -62,12 +62,28 @@ def test_masks_follow_the_parts(street):
 
 @pytest.mark.parametrize("option", ["only", "exclude", "occluders_only"])
 def test_a_name_that_no_part_has_is_refused_with_those_that_there_are(street, option):
-    with pytest.raises(UsageError, match=rf"--{option.replace('_', '-')} 'Body' .*'asphalt', 'body', 'car'"):
+    with pytest.raises(UsageError, match=rf"--{option.replace('_', '-')} 'Body' .*'body' or 9 others"):
         assign_roles(street, LightOptions(**{option: ("Body",)}))
 
 
+def test_brackets_are_parts_of_names(street):
+    wheel = replace(street, parts=(*street.parts[:3], replace(street.parts[3], name="wheel[0]")))
+    assert roles(wheel, only=("wheel[0]",))[0] == {"wheel[0]"}
+    assert roles(wheel, only=("wheel[*",))[0] == {"wheel[0]"}
+
+
+def test_an_unlit_part_that_is_asked_for_is_refused_with_the_reason(street):
+    with pytest.raises(UsageError, match="nothing to bake: its materials are unlit"):
+        assign_roles(street, LightOptions(only=("neon",)))
+
+
+def test_an_upward_axis_without_a_floor_is_refused():
+    with pytest.raises(UsageError, match="--up z says where the floor is"):
+        LightOptions(up="z")
+
+
 def test_nothing_left_to_bake_is_refused(street):
-    with pytest.raises(UsageError, match="leave nothing to bake"):
+    with pytest.raises(UsageError, match="leave no part that receives"):
         assign_roles(street, LightOptions(exclude=("*",)))
     neon = replace(street, parts=tuple(replace(part, look=Look(unlit=True)) for part in street.parts))
     with pytest.raises(UsageError, match="unlit"):
@@ -79,7 +95,7 @@ def test_nothing_left_to_bake_is_refused(street):
 )
 def test_the_floor_is_below(street, kind, up, floor):
     made = replace(street, kind=kind)
-    assert assign_roles(made, LightOptions(up=up)).floor is None
+    assert assign_roles(made, LightOptions()).floor is None
     assert assign_roles(made, LightOptions(ground=True, up=up)).floor == floor
 
 

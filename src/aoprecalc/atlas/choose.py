@@ -36,12 +36,12 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
             checks.append(check)
             if kept is not None:
                 return replace(kept, checks=tuple(checks))
-        faults = "; ".join(f"set {check.uv_set}: {check.fault}" for check in checks) or "there are none"
+        faults = "; ".join(f"set {check.uv_set}: {check.fault}" for check in checks) or "it has none"
         if len(checks) == 1:
             faults = checks[0].fault
         if options.unwrap == "keep":
             raise InputError(f"{scene.path}: its UVs cannot hold a bake ({faults}); use --unwrap auto or xatlas")
-        progress.note(f"the file's UVs are not kept: {faults}")
+        progress.note(f"the file's UVs are not kept: {faults}" if checks else "the file has no UVs")
     if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
         raise UsageError("--unwrap uvunwrap: it is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
     large = np.count_nonzero(owns_place(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
@@ -65,16 +65,16 @@ def check_uvs(sampler: Sampler, scene: Scene, number: int, width: int, height: i
     """Look at set `number` of the file's own UVs; return what was found, and the atlas of it where it can hold a bake.
 
     It can if, wrapped modulo 1, hardly a texel (MOST_OVERLAP of the covered ones) lies inside two triangles, no face
-    with area is without area in UV space, and none spans more than MOST_TILES repeats of the texture.
+    with area is without area in UV space, and none lies on more than MOST_TILES repeats of the texture.
     """
     uvs, placed = scene.uv_sets[number], owns_place(scene)
     longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
     flat = int(np.count_nonzero(placed & (doubled_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
-    tiles = float(np.ptp(uvs[placed], axis=1).max())
+    tiles = int(np.ceil(uvs[placed].max(axis=1) - np.floor(uvs[placed].min(axis=1))).max())
     if flat:
         return UvCheck(number, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
     if tiles > MOST_TILES:
-        fault = f"a face spans more than {MOST_TILES} repeats of the texture"
+        fault = f"a face lies on {tiles} repeats of the texture; at most {MOST_TILES} may be"
         return UvCheck(number, flat, tiles, None, fault), None
     atlas = replace(as_atlas(scene, uvs, placed), uv_set=number)
     overlap = sampler(lay_out(scene, atlas, width, height)).overlap()

@@ -4,9 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.model import Atlas, Doubles, Scene
-
-_SWAPPED = [0, 2, 1]
+from aoprecalc.model import SWAPPED, Atlas, Doubles, Scene
 
 
 def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
@@ -20,7 +18,7 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
             owner = scene.parts[part.shares]
             mirrored = (part.vertices != owner.vertices).any(axis=1)
             there = atlas.uvs[owner.faces]
-            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, _SWAPPED], there)
+            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, SWAPPED], there)
     return uvs
 
 

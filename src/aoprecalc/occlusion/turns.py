@@ -5,14 +5,13 @@ from typing import Self
 
 import numpy as np
 
-from aoprecalc.model import Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.model import SWAPPED, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.occlusion.observer import Observer
 from aoprecalc.progress import Progress
 from aoprecalc.surface.directions import GOLDEN
 from aoprecalc.texspace.samples import Samples
 
 MOST = 8  # of a group's 64 axes each has eight then, as many as a batch of maps
-_SWAPPED = [0, 2, 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,5 +60,5 @@ class Turns:
         """Return the samples as those whose turn it is have them."""
         there = samples.faces >= 0
         swapped = there & self.swapped[turn][samples.faces]
-        weights = np.where(swapped[:, None], samples.weights[:, _SWAPPED], samples.weights)
+        weights = np.where(swapped[:, None], samples.weights[:, SWAPPED], samples.weights)
         return Samples(np.where(there, self.faces[turn][samples.faces], np.int32(-1)), weights)

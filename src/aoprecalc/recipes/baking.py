@@ -35,7 +35,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.rays import occluders
 from aoprecalc.recipes.report import bake_report
 from aoprecalc.recipes.stopwatch import Stopwatch
-from aoprecalc.recipes.verifying import verify_scene
+from aoprecalc.recipes.verifying import about_sharing, verify_scene
 from aoprecalc.recipes.warnings import bake_warnings
 from aoprecalc.surface.normals import shading_normals
 from aoprecalc.surface.roles import assign_roles
@@ -107,6 +107,8 @@ def bake(
             )
         warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
         verified = _verified(baked, read_image(written), options, progress, watch) if verify else None
+        if verify and any(part.shares is not None for part in baked.scene.parts):
+            warnings += about_sharing(baked.scene)
         places = {"texture": texture_path, "mesh": mesh_path}
         document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
         if report_path is not None:

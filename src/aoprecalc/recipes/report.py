@@ -91,5 +91,5 @@ def _part(part: Part) -> dict[str, Any]:
 
 
 def _check(check: UvCheck) -> dict[str, Any]:
-    found = asdict(check) | {"tiles": round(check.tiles, 4)}
+    found = asdict(check)
     return found if check.overlap is None else found | {"overlap": round(check.overlap, 6)}

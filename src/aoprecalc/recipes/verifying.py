@@ -82,7 +82,7 @@ def verify(
         if "heat_map" in places:
             with watch.stage("heat map"):
                 _write_heat_map(outputs.path(places["heat_map"]), scene, atlas, found, verified)
-        warnings = (*scene.warnings, *found.warnings, *left_out, *_about_rays(options))
+        warnings = (*scene.warnings, *found.warnings, *left_out, *_about_rays(options), *about_sharing(scene))
         document = verify_report(scene, atlas, found, verified, options, places, watch.seconds(), warnings)
         if "report" in places:
             write_report(outputs.path(places["report"]), document)
@@ -137,6 +137,14 @@ def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPict
     height, width = found.values.shape
     texels = ScanlineRaster(lay_out(scene, atlas, *heat_map_size(width, height))).coverage()
     write_colors(path, paint(texels, verified.uvs, verified.errors, repeats=atlas.wraps))
+
+
+def about_sharing(scene: Scene) -> tuple[str, ...]:
+    """Say where the error holds more than a bake can do anything about: instances with one place in the texture."""
+    sharing = sum(part.receives and part.instance_of is not None for part in scene.parts)
+    if not sharing:
+        return ()
+    return (f"{sharing} parts share their places in the texture with others; that these see different things is error",)
 
 
 def _about_rays(options: VerifyOptions) -> list[str]:

@@ -2,12 +2,14 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
 from aoprecalc.errors import UsageError
 from aoprecalc.model import Part, Scene
 from aoprecalc.options import LightOptions
 
+_SHOWN = 5  # names, where one is wrong
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -26,7 +28,7 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
         _require_known(scene.parts, option, patterns)
     parts = [_with_roles(part, options) for part in scene.parts]
     if not any(part.receives for part in parts):
-        raise UsageError(f"{scene.path}: {_why_none(scene.parts, options)}; expected some part to receive light")
+        raise UsageError(f"{scene.path}: nothing to bake: {_why_none(scene.parts, options)}")
     return replace(scene, parts=_with_shares(parts, share), floor=_floor(scene, options))
 
 
@@ -60,19 +62,23 @@ def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
 
 
 def _is_named(part: Part, patterns: Collection[str]) -> bool:
-    return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in patterns)
+    wanted = [pattern.replace("[", "[[]") for pattern in patterns]  # brackets are parts of names
+    return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in wanted)
 
 
 def _require_known(parts: Sequence[Part], option: str, patterns: Collection[str]) -> None:
     for pattern in patterns:
         if not any(_is_named(part, [pattern]) for part in parts):
-            known = ", ".join(
-                repr(name) for name in sorted({name for part in parts for name in (part.name, *part.names)})[:20]
-            )
-            raise UsageError(f"--{option} {pattern!r} is the name of no part; expected one of {known}")
+            names = sorted({name for part in parts for name in (part.name, *part.names)})
+            shown = get_close_matches(pattern, names, _SHOWN) or names[:_SHOWN]
+            more = f" or {len(names) - len(shown)} others" if len(names) > len(shown) else ""
+            expected = ", ".join(map(repr, shown)) + more
+            raise UsageError(f"--{option} {pattern!r} is the name of no part; expected one such as {expected}")
 
 
 def _why_none(parts: Sequence[Part], options: LightOptions) -> str:
-    if all(part.look.unlit for part in parts):
-        return "all its materials are unlit"
-    return "--only, --exclude and --occluders-only leave nothing to bake"
+    """Say why no part receives, and what to do."""
+    asked = [part for part in parts if not options.only or _is_named(part, options.only)]
+    if all(part.look.unlit for part in asked):
+        return "its materials are unlit (KHR_materials_unlit), which no ambient occlusion shows on; make them lit ones"
+    return "--only, --exclude and --occluders-only leave no part that receives; name fewer"

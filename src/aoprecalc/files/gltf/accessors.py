@@ -61,6 +61,13 @@ def doubles(document: GltfDocument, index: int) -> Doubles:
     return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1.0)
 
 
+def bounds(values: NDArray[Any]) -> Json:
+    """Return `min` and `max` of (count, width) elements; nothing where there are none or JSON cannot hold them."""
+    if not values.size or not np.isfinite(values).all():
+        return {}
+    return {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+
+
 def element_size(accessor: Json) -> int:
     """Return the bytes of one element."""
     size = np.dtype(COMPONENTS[accessor["componentType"]]).itemsize

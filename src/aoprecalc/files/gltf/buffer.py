@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.files.gltf.accessors import COMPONENTS, WIDTHS, element_size
+from aoprecalc.files.gltf.accessors import COMPONENTS, WIDTHS, bounds, element_size
 from aoprecalc.files.gltf.document import Json
 
 ARRAY, ELEMENT_ARRAY = 34962, 34963
@@ -63,14 +63,14 @@ class GltfBuffer:
         view = self.add_view(padded.tobytes(), **stride, target=ARRAY)
         members = {key: value for key, value in accessor.items() if key not in ("byteOffset", "sparse", "min", "max")}
         if "min" in accessor or "max" in accessor:
-            members |= _bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
+            members |= bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
         return self._place("accessors", members | {"bufferView": view, "count": len(rows)})
 
-    def add_floats(self, values: NDArray[Any], bounds: bool = False) -> int:
+    def add_floats(self, values: NDArray[Any], bounded: bool = False) -> int:
         """Add (n, 2 or 3) vertex data as float32; return the number of its accessor."""
         rows = np.ascontiguousarray(values, dtype="<f4")
         accessor: Json = {"componentType": FLOAT, "type": f"VEC{rows.shape[1]}"}
-        if bounds:
+        if bounded:
             accessor |= {"min": [], "max": []}
         return self.add_rows(accessor, rows.view(np.uint8))
 
@@ -90,7 +90,3 @@ class GltfBuffer:
             return index
         entries.append(entry)
         return len(entries) - 1
-
-
-def _bounds(values: NDArray[Any]) -> Json:
-    return {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}

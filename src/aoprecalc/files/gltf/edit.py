@@ -1,6 +1,6 @@
 """Changes a glTF document: the vertices of what was baked get UVs and normals, all else stays as it was."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from copy import deepcopy
 from itertools import count
 from typing import Any
@@ -12,14 +12,16 @@ from aoprecalc.files.damage import check_indices
 from aoprecalc.files.gltf.accessors import doubles, raw_rows, view_bytes
 from aoprecalc.files.gltf.buffer import GltfBuffer
 from aoprecalc.files.gltf.document import GltfDocument, Json
+from aoprecalc.files.gltf.materials import VARIANTS, Place
 from aoprecalc.files.gltf.nodes import INSTANCING
-from aoprecalc.files.gltf.reader import SWAPPED, GltfSource
-from aoprecalc.model import Atlas, Doubles, Floats, Part, Scene
+from aoprecalc.files.gltf.reader import GltfSource
+from aoprecalc.model import SWAPPED, Atlas, Doubles, Floats, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.
 SETS_EVERYWHERE = 2
 
-Place = tuple[int, int]
+# Extensions of primitives that do not count vertices.
+_WITHOUT_VERTICES = {VARIANTS, "EXT_mesh_features", "EXT_structural_metadata"}
 
 
 def edit_document(
@@ -42,7 +44,7 @@ def edit_document(
         name = f"TEXCOORD_{atlas.uv_set}"
         sets = {at: atlas.uv_set for at in places.values() if name in _primitive(json, at)["attributes"]}
         buffer = _carry_views(document, json, set(), set())
-        return json, buffer, sets, _warnings(len(json["meshes"]) - len(document.json["meshes"]), sets)
+        return json, buffer, sets, _warnings(document, json, scene, sets, ())
 
     owners = [scene.parts[part.shares] if part.shares is not None else part for part in scene.parts]
     places = _own_meshes(json, scene.parts, [owner if owner.receives else None for owner in owners], apart=True)
@@ -70,17 +72,29 @@ def edit_document(
             f"TEXCOORD_{free_set}",
         )
         json["meshes"][place[0]]["primitives"][place[1]] = primitive
-    return json, buffer, sets, _warnings(len(json["meshes"]) - len(document.json["meshes"]), sets)
+    return json, buffer, sets, _warnings(document, json, scene, sets, list(originals.values()))
 
 
-def _warnings(more_meshes: int, sets: dict[Place, int]) -> tuple[str, ...]:
-    """Say what makes a document larger, or not every viewer's."""
+def _warnings(
+    document: GltfDocument, json: Json, scene: Scene, sets: dict[Place, int], rewritten: Collection[Json]
+) -> tuple[str, ...]:
+    """Say what makes a document larger, or may not be right, or not in every viewer.
+
+    rewritten   the primitives, as they were, that have other vertices now
+    """
     said = []
+    more_meshes = len(json["meshes"]) - len(document.json["meshes"])
     if more_meshes:
-        said.append(f"{more_meshes} instances have become meshes of their own (--instances share keeps them together)")
+        hint = (
+            "" if any(part.shares is not None for part in scene.parts) else " (--instances share keeps them together)"
+        )
+        said.append(f"{more_meshes} instances have become meshes of their own{hint}")
     far = sum(number >= SETS_EVERYWHERE for number in sets.values())
     if far:
         said.append(f"{far} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
+    unknown = {name for primitive in rewritten for name in primitive.get("extensions", {})} - _WITHOUT_VERTICES
+    if unknown:
+        said.append(f"primitives have {', '.join(sorted(unknown))}, which may count on the vertices of before")
     return tuple(said)
 
 

@@ -4,6 +4,7 @@ What nothing needs any more leaves None in its place, so that no other number ch
 first, and at the end the numbers close up over those that are left.
 """
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -13,17 +14,26 @@ from aoprecalc.files.gltf.document import Json
 # None refers to one of a kind before its own.
 KINDS = ("textures", "images", "samplers", "bufferViews")
 
+# Extensions whose references are found here, or that have none to these kinds; others may count on any number.
+_UNDERSTOOD = re.compile(
+    "KHR_(materials_|texture_|mesh_quantization|lights_punctual|node_|animation_pointer|xmp).*"
+    "|EXT_(texture_|mesh_gpu_instancing|mesh_features|structural_metadata|lights_image_based|instance_features).*"
+    "|MSFT_texture_dds|MSFT_lod"
+)
+
 Reference = tuple[Any, Any]  # a dictionary or list, and the key under which it has a number
 
 
 def release(document: Json, buffer: GltfBuffer, references: Iterable[Reference]) -> None:
     """Put None in the place of some references, and of every entry that only they needed, at second hand as well.
 
-    What nothing referred to before stays.
+    What nothing referred to before stays; so does everything in a document with extensions that are not known here.
     """
     before = _used(document)
     for holder, key in references:
         holder[key] = None
+    if not _is_understood(document):
+        return
     for kind in KINDS:
         entries = document.get(kind, [])
         gone = (before[kind] - _used(document)[kind]) & set(range(len(entries)))
@@ -46,6 +56,10 @@ def place(document: Json, kind: str, entry: Json) -> int:
 
 def close_gaps(document: Json) -> None:
     """Remove what was released and not taken again; what comes after it gets lower numbers."""
+    if not _is_understood(document):
+        views = document.get("bufferViews", [])
+        views[:] = [{"buffer": 0, "byteLength": 1} if view is None else view for view in views]
+        return
     references = _references(document)
     for kind in KINDS:
         entries = document.get(kind, [])
@@ -58,6 +72,10 @@ def close_gaps(document: Json) -> None:
         document[kind] = [entries[index] for index in left]
         if not left:  # the schema has no empty lists
             del document[kind]
+
+
+def _is_understood(document: Json) -> bool:
+    return all(_UNDERSTOOD.fullmatch(name) for name in document.get("extensionsUsed", []))
 
 
 def _used(document: Json) -> dict[str, set[int]]:

@@ -70,7 +70,7 @@ def _primitive(
     values |= {f"TEXCOORD_{number}": _upside_down(uvs[faces]) for number, uvs in enumerate(uv_sets)}
     split = split_corners(scene.faces[faces], *values.values())
     positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]]
-    attributes = {"POSITION": buffer.add_floats(positions, bounds=True)}
+    attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
     for name, array in values.items():
         attributes[name] = buffer.add_floats(array.reshape(-1, array.shape[2])[split.corner])
     return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}

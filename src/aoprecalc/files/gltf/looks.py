@@ -10,7 +10,8 @@ from aoprecalc.files.damage import check_indices
 from aoprecalc.files.gltf.accessors import doubles
 from aoprecalc.files.gltf.document import GltfDocument, Json
 from aoprecalc.files.gltf.textures import TextureUse, texture_picture, texture_wraps
-from aoprecalc.model import Cutout, Doubles, Floats, Look
+from aoprecalc.files.pictured import Picture
+from aoprecalc.model import SWAPPED, Cutout, Doubles, Floats, Look
 
 TRANSMISSION, UNLIT = "KHR_materials_transmission", "KHR_materials_unlit"
 
@@ -26,7 +27,7 @@ class Looks:
     def __init__(self, document: GltfDocument) -> None:
         """Read nothing yet."""
         self._document = document
-        self._alphas: dict[int, Floats] = {}
+        self._alphas: dict[Picture, Floats] = {}
         self.warnings: list[str] = []
 
     def name(self, primitive: Json) -> str | None:
@@ -73,21 +74,23 @@ class Looks:
 
     def _alpha(self, texture: int) -> Floats:
         """Return the alpha of a texture's picture; 1 where it has none."""
-        if texture not in self._alphas:
-            try:
-                pixels = texture_picture(self._document, texture).pixels()
-            except InputError as error:
-                self.warnings.append(f"holes are not known and left out: {error}")
-                pixels = np.ones((1, 1, 1), np.float32)
-            has_alpha = pixels.shape[2] in (2, 4)
-            self._alphas[texture] = np.ascontiguousarray(pixels[:, :, -1]) if has_alpha else _OPAQUE
-        return self._alphas[texture]
+        try:
+            picture = texture_picture(self._document, texture)
+            if picture not in self._alphas:
+                pixels = picture.pixels()
+                has_alpha = pixels.shape[2] in (2, 4)
+                self._alphas[picture] = np.ascontiguousarray(pixels[:, :, -1]) if has_alpha else _OPAQUE
+            return self._alphas[picture]
+        except InputError as error:
+            warning = f"holes are not known and left out: {error}"
+            if warning not in self.warnings:
+                self.warnings.append(warning)
+            return _OPAQUE
 
 
 def mirrored_look(look: Look) -> Look:
     """Return a look whose corners 1 and 2 are exchanged."""
     if look.cutout is None:
         return look
-    swapped = [0, 2, 1]
-    cutout = replace(look.cutout, uvs=look.cutout.uvs[:, swapped], factors=look.cutout.factors[:, swapped])
+    cutout = replace(look.cutout, uvs=look.cutout.uvs[:, SWAPPED], factors=look.cutout.factors[:, SWAPPED])
     return replace(look, cutout=cutout)

@@ -11,7 +11,8 @@ from aoprecalc.files.gltf.document import GltfDocument, Json
 from aoprecalc.files.gltf.materials import roughness_texture
 from aoprecalc.files.gltf.textures import TextureUse, texture_picture, texture_wraps
 from aoprecalc.files.images import png_bytes
-from aoprecalc.model import Atlas, Floats, Ints, Wrap
+from aoprecalc.model import Atlas, Floats, Wrap
+from aoprecalc.surface.wrap import wrapped
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,18 +98,8 @@ def _enlarged(values: Floats, height: int, width: int, wraps: tuple[Wrap, Wrap])
         if size == before:
             continue
         at = (np.arange(size) + 0.5) / size * before - 0.5
-        first = np.floor(at).astype(np.int32)
+        first = np.floor(at).astype(np.int64)
         share = np.expand_dims((at - first).astype(np.float32), (1 - axis, 2))
-        ends = (values.take(_wrapped(index, before, wrap), axis) for index in (first, first + 1))
+        ends = (values.take(wrapped(index, before, wrap), axis) for index in (first, first + 1))
         values = next(ends) * (1 - share) + next(ends) * share
     return values
-
-
-def _wrapped(index: Ints, size: int, wrap: Wrap) -> Ints:
-    """Return which of `size` texels there is at any index."""
-    if wrap == "clamp":
-        return np.clip(index, 0, size - 1)
-    if wrap == "mirror":
-        twice = np.mod(index, 2 * size)
-        index = np.minimum(twice, 2 * size - 1 - twice)
-    return np.mod(index, size)

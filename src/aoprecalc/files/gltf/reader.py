@@ -16,12 +16,10 @@ from aoprecalc.files.gltf.looks import Looks, mirrored_look
 from aoprecalc.files.gltf.nodes import PlacedNode, instance_matrices, placed_nodes
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.polygons import fan_triangles, strip_triangles
-from aoprecalc.model import Doubles, Look, Part, Scene
+from aoprecalc.model import SWAPPED, Doubles, Look, Part, Scene
 from aoprecalc.surface.normals import face_directions
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
-
-SWAPPED = [0, 2, 1]  # corners of a face in a mirrored placement
 
 
 @dataclass(frozen=True, eq=False)

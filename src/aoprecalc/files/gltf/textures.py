@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aoprecalc.files.damage import damaged
 from aoprecalc.files.gltf.accessors import view_bytes
 from aoprecalc.files.gltf.document import GltfDocument, Json, data_uri, local_file
 from aoprecalc.files.pictured import Picture
@@ -53,10 +54,12 @@ class TextureUse:
 
 
 def texture_picture(document: GltfDocument, index: int) -> Picture:
-    """Return the picture of texture `index`; raises InputError, KeyError or IndexError where there is none."""
+    """Return the picture of texture `index`; raises InputError where there is none, KeyError in a damaged document."""
     texture = document.entry("textures", index)
     # Formats that glTF itself does not know have their image in an extension.
     others = [entry["source"] for entry in texture.get("extensions", {}).values() if "source" in entry]
+    if "source" not in texture and not others:
+        raise damaged(document.path, f"texture {index} has no picture (no source), one was expected")
     number = texture["source"] if "source" in texture else others[0]
     image = document.entry("images", number)
     name = f"image {number} of {document.path}"

@@ -56,9 +56,11 @@ def _add(document: Json, name: str, primitive: Json, material: Json) -> int:
 def _surface(buffer: GltfBuffer, scene: Scene) -> Json:
     """Return the primitive of a scene; it has the file's normals, without which viewers shade each face flat."""
     split = split_corners(scene.faces, *([] if scene.normals is None else [scene.normals]))
-    with np.errstate(over="ignore"):  # an infinite bound is refused with the document
+    with np.errstate(over="ignore"):
         positions = scene.positions[scene.faces.reshape(-1)[split.corner]].astype(np.float32)
-    attributes = {"POSITION": buffer.add_floats(positions, bounds=True)}
+    if not np.isfinite(positions).all():
+        raise ValueError("a position is beyond float32")
+    attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
     if scene.normals is not None:
         attributes["NORMAL"] = buffer.add_floats(scene.normals.reshape(-1, 3)[split.corner])
     return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
@@ -67,5 +69,5 @@ def _surface(buffer: GltfBuffer, scene: Scene) -> Json:
 def _ball(buffer: GltfBuffer) -> Json:
     """Return the primitive of a ball of radius 1, whose points are their own normals."""
     points, triangles = unit_ball()
-    accessor = buffer.add_floats(points, bounds=True)
+    accessor = buffer.add_floats(points, bounded=True)
     return {"attributes": {"POSITION": accessor, "NORMAL": accessor}, "indices": buffer.add_triangles(triangles)}

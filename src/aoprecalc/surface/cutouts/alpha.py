@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.model import Doubles, Floats, Wrap
 from aoprecalc.surface.cutouts.nodes import Indices
+from aoprecalc.surface.wrap import wrapped
 
 _CELLS = 2048  # along the sides of the finest bounds at most
 
@@ -50,8 +51,8 @@ class AlphaPicture:
         first = np.floor(texels)
         x, y = (texels - first).T
         column, row = first.astype(np.int64).T
-        left, right = (_wrapped(column + k, width, self.wraps[0]) for k in (0, 1))
-        upper, lower = (_wrapped(row + k, height, self.wraps[1]) * width for k in (0, 1))
+        left, right = (wrapped(column + k, width, self.wraps[0]) for k in (0, 1))
+        upper, lower = (wrapped(row + k, height, self.wraps[1]) * width for k in (0, 1))
         alpha = self.alpha.ravel()
         above = _mix(alpha[upper + left], alpha[upper + right], x)
         return _mix(above, _mix(alpha[lower + left], alpha[lower + right], x), y)
@@ -63,7 +64,7 @@ class AlphaPicture:
         level = np.frexp(np.maximum((last - first).max(axis=1) - 1, 0))[1].clip(max=len(self.grids) - 1)
         start, *sizes = self.grids[level].T
         columns, rows = (
-            [_wrapped(end[:, axis] >> level, sizes[axis], self.wraps[axis]) for end in (first, last)] for axis in (0, 1)
+            [wrapped(end[:, axis] >> level, sizes[axis], self.wraps[axis]) for end in (first, last)] for axis in (0, 1)
         )
         cells = [self.bounds[start + row * sizes[0] + column] for row in rows for column in columns]
         least, most = (extreme.reduce(cells)[:, k] for k, extreme in enumerate((np.minimum, np.maximum)))
@@ -73,17 +74,6 @@ class AlphaPicture:
 def _mix(one: NDArray[np.floating], other: NDArray[np.floating], share: Doubles) -> Doubles:
     # What is equal stays equal.
     return one + share * (other - one)
-
-
-def _wrapped(index: Indices, size: int | Indices, wrap: Wrap) -> Indices:
-    """Return which of `size` texels of a picture, or cells of its bounds, stands at an index beyond them."""
-    if wrap == "clamp":
-        return np.clip(index, 0, size - 1)
-    if wrap == "repeat":
-        return index % size
-    turned = index % (2 * size)
-    mirrored: Indices = np.minimum(turned, 2 * size - 1 - turned)
-    return mirrored
 
 
 def _pyramid(alpha: Floats, wraps: tuple[Wrap, Wrap], extreme: np.ufunc) -> Iterator[Floats]:
@@ -104,7 +94,7 @@ def _footprints(alpha: Floats, axis: int, wrap: Wrap, extreme: np.ufunc) -> Floa
     count = min(1 << (size - 1).bit_length(), _CELLS)
     ends = np.arange(count + 1) * (size / count) - 0.5
     # One texel more on either side, and one that reduceat wants.
-    texels = alpha.take(_wrapped(np.arange(-1, size + 2), size, wrap), axis)
+    texels = alpha.take(wrapped(np.arange(-1, size + 2), size, wrap), axis)
     runs = np.column_stack([np.floor(ends[:-1]) + 1, np.ceil(ends[1:]) + 2]).astype(np.int64)
     cells: Floats = extreme.reduceat(texels, runs.ravel(), axis).take(np.arange(0, 2 * count, 2), axis)
     return cells

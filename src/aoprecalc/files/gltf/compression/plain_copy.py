@@ -5,9 +5,7 @@ from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from aoprecalc.files.gltf.accessors import numbers
+from aoprecalc.files.gltf.accessors import bounds, numbers
 from aoprecalc.files.gltf.compression.library import is_installed
 from aoprecalc.files.gltf.document import GltfDocument, Json
 
@@ -96,8 +94,5 @@ def _bounds(document: GltfDocument, index: int, accessor: Json) -> Json:
     stated = {"min", "max"} & accessor.keys()
     if not stated or accessor["type"].startswith("MAT"):
         return {}
-    values = numbers(document, index)
-    if not values.size or not np.isfinite(values).all():
-        return {}
-    bounds = {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-    return {key: bounds[key] for key in stated}
+    found = bounds(numbers(document, index))
+    return {key: found[key] for key in stated & found.keys()}
