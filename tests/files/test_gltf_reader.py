@@ -188,6 +188,15 @@ def name_no_accessor(json):
         (promise_zeros, "more than its buffers can hold"),
         (leave_the_buffer, "its buffer at 36"),
         (name_no_accessor, "entry 9 of accessors, but there are 1"),
+        (lambda json: json.update(textures=[{"source": 0}]), "entry 0 of images, but there are 0"),
+        (
+            lambda json: json.update(images=[{"uri": "a"}], textures=[{"source": 0, "sampler": 2}]),
+            "entry 2 of samplers",
+        ),
+        (
+            lambda json: json.update(materials=[{"emissiveTexture": {"index": 1}}]),
+            "entry 1 of textures, but there are 0",
+        ),
         (lambda json: json["nodes"].append({"children": [0, 1]}), "no faces"),
         (lambda json: json["nodes"][0].update(children=[0]), "no faces"),
         (lambda json: json.update(scenes=[{"nodes": [0, 0]}]), "node 0 is reached twice"),
@@ -210,3 +219,11 @@ def test_a_glb_that_is_cut_off(gltf, length):
     path.write_bytes(path.read_bytes()[:length])
     with pytest.raises(InputError):
         load_scene(path)
+
+
+def test_other_scenes_and_extensions_that_are_not_known_are_told(gltf):
+    gltf.node(mesh=gltf.mesh({"attributes": {"POSITION": gltf.accessor(TRIANGLE)}}))
+    gltf.json |= {"scene": 1, "scenes": [{"nodes": []}, {"nodes": [0]}], "extensionsRequired": ["FOO_bar"]}
+    said = gltf.load().warnings
+    assert any("2 scenes are there" in line and "number 1" in line for line in said)
+    assert any("requires FOO_bar" in line for line in said)

@@ -160,3 +160,12 @@ def test_the_error_of_shared_places_is_told(gltf_cube, tmp_path):
     said = verify(result.mesh_path, options=VerifyOptions(points=500)).report["warnings"]
     for warnings in (said, result.report["warnings"]):
         assert any("1 parts share their places" in line for line in warnings)
+
+
+def test_glass_is_told_to_be_lost_in_an_obj(gltf_cube, tmp_path):
+    gltf, cube = gltf_cube
+    gltf.json["materials"] = [{"alphaMode": "BLEND"}]
+    gltf.node(mesh=gltf.mesh(cube | {"material": 0}))
+    options = BakeOptions(64, 64, directions=64)
+    report = bake(gltf.save(), tmp_path / "a.png", mesh_output=tmp_path / "a.obj", options=options).report
+    assert any("OBJ says nothing of glass" in line for line in report["warnings"])

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from aoprecalc.errors import InputError
 from aoprecalc.files import Outputs, write_baked_mesh, write_image
 from aoprecalc.files.gltf.buffer import GltfBuffer
 from aoprecalc.files.gltf.entries import close_gaps, place, release
@@ -193,19 +194,10 @@ def test_packing_leaves_nothing_either(cube, gltf, atlas_of, tmp_path, name):
     assert [info["index"] for info in infos] == [info["index"] for info in occlusion]
 
 
-def test_a_damaged_document_is_no_worse_for_it(cube, gltf, bake):
+def test_a_reference_into_nothing_is_refused_before_something_new_takes_its_place(cube, gltf):
     gltf.texture(PICTURES[0])
-    gltf.add("textures", {"source": 77, "sampler": -1})
-    beyond = {"index": 99}
-    third = gltf.texture(PICTURES[1])
-    material = occluded(0) | {"normalTexture": beyond, "emissiveTexture": {"index": 1}}
-    path, *_ = bake(cube(occluded(-1), occluded(1), material, occluded(third)).load(), "a.gltf")
-    document = GltfValues(path)
-    assert document.json["materials"][2]["normalTexture"] == beyond
-    assert document.json["textures"][1:] == [{"source": 77, "sampler": -1}]
-    assert document.texture(document.json["materials"][3]["occlusionTexture"]["index"])["source"][0].startswith(
-        b"\x89PNG"
-    )
+    with pytest.raises(InputError, match="entry 99 of textures, but there are 1"):
+        cube(occluded(0) | {"normalTexture": {"index": 99}}).load()
 
 
 def everything():

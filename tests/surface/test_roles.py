@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import InputError, UsageError
 from aoprecalc.model import Look
 from aoprecalc.options import LightOptions
 from aoprecalc.surface.roles import assign_roles
@@ -73,7 +73,7 @@ def test_brackets_are_parts_of_names(street):
 
 
 def test_an_unlit_part_that_is_asked_for_is_refused_with_the_reason(street):
-    with pytest.raises(UsageError, match="nothing to bake: its materials are unlit"):
+    with pytest.raises(InputError, match="nothing to bake: its materials are unlit"):
         assign_roles(street, LightOptions(only=("neon",)))
 
 
@@ -86,7 +86,7 @@ def test_nothing_left_to_bake_is_refused(street):
     with pytest.raises(UsageError, match="leave no part that receives"):
         assign_roles(street, LightOptions(exclude=("*",)))
     neon = replace(street, parts=tuple(replace(part, look=Look(unlit=True)) for part in street.parts))
-    with pytest.raises(UsageError, match="unlit"):
+    with pytest.raises(InputError, match="unlit"):
         assign_roles(neon, LightOptions())
 
 

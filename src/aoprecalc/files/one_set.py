@@ -23,8 +23,15 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
 
 
 def lost_uvs(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
-    """Return what the user should know where the file's own UVs make room for the atlas's."""
-    if not scene.uv_sets or atlas.uv_set == 0:
-        return ()
+    """Return what the user should know of looks that are lost, and where the file's own UVs make room for others."""
     kind = path.suffix.removeprefix(".").upper()
-    return (f"{path}: {kind} holds one set of UVs; those of {scene.path.name} are replaced, a .glb would hold both",)
+    looks = [part.look for part in scene.parts]
+    lost: tuple[str, ...] = ()
+    if any(look.glass or look.cutout is not None for look in looks):
+        lost = (f"{path}: {kind} says nothing of glass and of holes, which the bake has heeded; a .glb would",)
+    if not scene.uv_sets or atlas.uv_set == 0:
+        return lost
+    return (
+        *lost,
+        f"{path}: {kind} holds one set of UVs; those of {scene.path.name} are replaced, a .glb would hold both",
+    )

@@ -87,6 +87,9 @@ def _part(part: Part) -> dict[str, Any]:
         "receives": part.receives,
         "occludes": part.occludes,
         "shares": part.shares,
+        "glass": part.look.glass,
+        "unlit": part.look.unlit,
+        "cut_out": part.look.cutout is not None,
     }
 
 

@@ -78,7 +78,8 @@ def _about_sides(baked: Baked, options: BakeOptions) -> list[str]:
         if options.two_sided
         else ("they lie inside other parts, touch them, or face inwards (--two-sided takes the lighter side)")
     )
-    return [f"{baked.unseen:.1%} of the texels see next to no direction: {why}"]
+    floor = "" if baked.scene.floor is None else "they look down at the floor, "
+    return [f"{baked.unseen:.1%} of the texels see next to no direction: {floor}{why}"]
 
 
 def _volume(baked: Baked) -> float:

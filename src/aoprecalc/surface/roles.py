@@ -5,7 +5,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import InputError, UsageError
 from aoprecalc.model import Part, Scene
 from aoprecalc.options import LightOptions
 
@@ -18,7 +18,8 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
 
     share   instances of a piece have one place in the texture together
 
-    Raises UsageError where a name is no part's, and where nothing is left that receives.
+    Raises UsageError where a name is no part's and where the options leave nothing that receives, InputError where all is
+    unlit.
     """
     for option, patterns in (
         ("only", options.only),
@@ -28,7 +29,7 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
         _require_known(scene.parts, option, patterns)
     parts = [_with_roles(part, options) for part in scene.parts]
     if not any(part.receives for part in parts):
-        raise UsageError(f"{scene.path}: nothing to bake: {_why_none(scene.parts, options)}")
+        raise _nothing_to_bake(scene, options)
     return replace(scene, parts=_with_shares(parts, share), floor=_floor(scene, options))
 
 
@@ -76,9 +77,13 @@ def _require_known(parts: Sequence[Part], option: str, patterns: Collection[str]
             raise UsageError(f"--{option} {pattern!r} is the name of no part; expected one such as {expected}")
 
 
-def _why_none(parts: Sequence[Part], options: LightOptions) -> str:
-    """Say why no part receives, and what to do."""
-    asked = [part for part in parts if not options.only or _is_named(part, options.only)]
+def _nothing_to_bake(scene: Scene, options: LightOptions) -> InputError | UsageError:
+    asked = [part for part in scene.parts if not options.only or _is_named(part, options.only)]
     if all(part.look.unlit for part in asked):
-        return "its materials are unlit (KHR_materials_unlit), which no ambient occlusion shows on; make them lit ones"
-    return "--only, --exclude and --occluders-only leave no part that receives; name fewer"
+        return InputError(
+            f"{scene.path}: nothing to bake: its materials are unlit (KHR_materials_unlit), which no ambient occlusion "
+            "shows on; make them lit ones"
+        )
+    return UsageError(
+        f"{scene.path}: nothing to bake: --only, --exclude and --occluders-only leave no part that receives; name fewer"
+    )

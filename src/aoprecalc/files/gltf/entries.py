@@ -6,8 +6,10 @@ first, and at the end the numbers close up over those that are left.
 
 import re
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
+from aoprecalc.files.damage import damaged
 from aoprecalc.files.gltf.buffer import GltfBuffer
 from aoprecalc.files.gltf.document import Json
 
@@ -74,8 +76,25 @@ def close_gaps(document: Json) -> None:
             del document[kind]
 
 
+def check_references(path: Path, document: Json) -> None:
+    """Raise InputError where something refers to a texture, image, sampler or buffer view that is not there.
+
+    What the bake adds would take its place.
+    """
+    for kind, found in _references(document).items():
+        count = len(document.get(kind, []))
+        for holder, key in found:
+            if not 0 <= holder[key] < count:
+                raise damaged(path, f"it refers to entry {holder[key]} of {kind}, but there are {count}")
+
+
+def unknown_extensions(names: Iterable[str]) -> list[str]:
+    """Return those of the names of extensions whose meaning is not known here."""
+    return sorted({name for name in names if not _UNDERSTOOD.fullmatch(name)})
+
+
 def _is_understood(document: Json) -> bool:
-    return all(_UNDERSTOOD.fullmatch(name) for name in document.get("extensionsUsed", []))
+    return not unknown_extensions(document.get("extensionsUsed", []))
 
 
 def _used(document: Json) -> dict[str, set[int]]:

@@ -56,7 +56,7 @@ class Looks:
         if "COLOR_0" in attributes:
             colors = self._corners(attributes["COLOR_0"], vertices)
             factors *= colors[:, :, 3] if colors.shape[2] == 4 else 1.0
-        cutoff = material.get("alphaCutoff", 0.5)
+        cutoff = float(material.get("alphaCutoff", 0.5))
         solid = Cutout(_OPAQUE, np.zeros((*vertices.shape, 2)), factors, cutoff)
         if "baseColorTexture" not in color:
             return solid

@@ -66,7 +66,7 @@ def _obstacle(document: GltfDocument, info: Json | None, number: int, atlas: Atl
         return "without a metallic-roughness texture"
     use = TextureUse.of(info)
     if atlas.uv_set is None or use.uv_set != number:
-        return "with one on other UVs (--unwrap keep bakes for the file's own)"
+        return "with one on other UVs than the bake's"
     if (use.scale, use.rotation, use.offset) != ((1, 1), 0, (0, 0)):
         return "with one that is transformed (apply KHR_texture_transform to the UVs first)"
     if atlas.wraps and texture_wraps(document, use.index) != ("repeat", "repeat"):

@@ -12,6 +12,7 @@ from aoprecalc.files.damage import check_indices, damaged
 from aoprecalc.files.gltf.accessors import doubles, numbers
 from aoprecalc.files.gltf.compression import decompressed
 from aoprecalc.files.gltf.document import GltfDocument, Json, parse_gltf
+from aoprecalc.files.gltf.entries import check_references, unknown_extensions
 from aoprecalc.files.gltf.looks import Looks, mirrored_look
 from aoprecalc.files.gltf.nodes import PlacedNode, instance_matrices, placed_nodes
 from aoprecalc.files.pieces import Piece, build_scene
@@ -49,6 +50,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     Raises InputError where it is damaged, compressed in a way for which a package is missing, or has no usable faces.
     """
     document = decompressed(parse_gltf(path, data))
+    check_references(path, document.json)
     nodes = placed_nodes(document)
     looks = Looks(document)
     pieces: list[Piece] = []
@@ -71,9 +73,19 @@ def read_gltf(path: Path, data: bytes) -> Scene:
                     source = GltfSource(number, node["mesh"], index, placement[..., :3, :3])
                     pieces.append(_piece(document, own_name, names, shape, placement, source, look))
     warnings = [f"{others} primitives of points or lines are left as they are"] if others else []
-    warnings += looks.warnings
+    warnings += [*looks.warnings, *_warnings(document.json)]
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
     return replace(scene, parts=_instances(scene.parts))
+
+
+def _warnings(json: Json) -> Iterator[str]:
+    """Yield what the user should know about what is not read."""
+    scenes = json.get("scenes", [])
+    if len(scenes) > 1:
+        shown = json.get("scene", 0)
+        yield f"{len(scenes)} scenes are there; the one that the file shows (number {shown}, from 0) is baked"
+    if unknown := unknown_extensions(json.get("extensionsRequired", [])):
+        yield f"the file requires {', '.join(unknown)}, which is not known here; what it changes is not seen"
 
 
 def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
