@@ -228,7 +228,6 @@ MOVED = {"KHR_texture_transform": {"offset": [0.5, 0]}}
         "missing",
         "remote",
         "no source",
-        "no texture",
     ],
 )
 def test_what_cannot_be_packed_keeps_its_roughness(cubes, gltf, pack, material, options, reason):

@@ -8,8 +8,9 @@ answer:  uvs (f, 3, 2) float32 in [0, 1], placed (f,) bool, charts, gutter
 """
 
 import io
+import os
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import xatlas
@@ -23,11 +24,13 @@ _PACKINGS = 12  # tries at the greatest scale that fits one page
 _STEP = 1.08  # between the first two tries; squared after each that is too large
 _CLOSE = 1.005  # such a pair is close enough
 
+_ATLASES: list["xatlas.Atlas"] = []  # all that were made
+
 
 def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
     say_step("charts")
-    atlas = xatlas.Atlas()
+    atlas = _new_atlas()
     atlas.add_mesh(positions, faces)
     atlas.generate()
     _, corners, uvs = atlas.get_mesh(0)
@@ -55,7 +58,7 @@ def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
     best = None
     for attempt in range(1, _PACKINGS + 1):
         say_step(f"packing, try {attempt} of at most {_PACKINGS}")
-        page = xatlas.Atlas()
+        page = _new_atlas()
         page.add_uv_mesh((flat * scale).astype(np.float32), corners.astype(np.uint32))
         page.generate(pack_options=options)
         if page.atlas_count == 1 and max(page.width, page.height) <= size - 2 * border:
@@ -69,6 +72,12 @@ def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
     if best is None:
         raise ValueError(f"its charts did not fit {size} x {size} texels with gutters of {gutter}; use a larger --size")
     return best
+
+
+def _new_atlas() -> "xatlas.Atlas":
+    """Return an atlas that is never destroyed: its destructor waits for ever for a thread that missed being woken."""
+    _ATLASES.append(xatlas.Atlas())
+    return _ATLASES[-1]
 
 
 def _uvs_of(page: "xatlas.Atlas", count: int, border: int) -> Doubles:
@@ -86,12 +95,21 @@ def main() -> None:
     try:
         answer = unwrap(request["positions"], request["faces"], int(request["size"]), int(request["padding"]))
     except ValueError as error:
-        sys.exit(str(error))
+        _end(1, str(error))
     except MemoryError:
-        sys.exit("out of memory; use a mesh of fewer faces")
+        _end(1, "out of memory; use a mesh of fewer faces")
     buffer = io.BytesIO()
     np.savez(buffer, **answer)
     sys.stdout.buffer.write(buffer.getvalue())
+    _end(0, "")
+
+
+def _end(status: int, said: str) -> NoReturn:
+    """End the process without destructors."""
+    sys.stderr.write(said)
+    sys.stderr.flush()
+    sys.stdout.flush()
+    os._exit(status)
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
 
     share   instances of a piece have one place in the texture together
 
-    Raises UsageError where a name is no part's and where the options leave nothing that receives, InputError where all is
-    unlit.
+    Raises UsageError where a name is no part's and where the options leave nothing that receives, InputError where all
+    is unlit.
     """
     for option, patterns in (
         ("only", options.only),

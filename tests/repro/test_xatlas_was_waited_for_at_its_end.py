@@ -1,0 +1,24 @@
+"""Once in some thousand unwraps xatlas hung in the destructor of an atlas, which waits for threads of its own."""
+
+import sys
+
+from aoprecalc.atlas.unwrap import _CHILDREN, unwrap
+from shapes import box, scene
+
+STUCK = """import time
+import xatlas
+
+class Stuck(xatlas.Atlas):
+    def __del__(self):
+        time.sleep(600)
+
+xatlas.Atlas = Stuck
+from aoprecalc.atlas.xatlas_child import main
+main()"""
+
+
+def test_no_destructor_is_waited_for(monkeypatch):
+    made = scene(*box())
+    expected = unwrap(made, "xatlas", 64, 2).uvs
+    monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", STUCK])
+    assert (unwrap(made, "xatlas", 64, 2, seconds=60).uvs == expected).all()
