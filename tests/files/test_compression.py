@@ -286,10 +286,17 @@ def test_mutated_draco_streams_do_no_harm(gltf, dracopy):
         data = bytearray(document.buffers[0])
         for _ in range(random.integers(1, 4)):
             data[at + random.integers(len(stream))] = random.integers(256)
-        try:
-            decompressed(GltfDocument(document.path, document.json, (bytes(data),)))
-        except InputError as error:
-            assert "damaged" in str(error), f"seed {seed}"  # noqa: PT017
+        said = complaint(GltfDocument(document.path, document.json, (bytes(data),)))
+        assert said is None or "damaged" in said, f"seed {seed}"
+
+
+def complaint(document):
+    """What is said of a document that cannot be decompressed; None of one that can."""
+    try:
+        decompressed(document)
+    except InputError as error:
+        return str(error)
+    return None
 
 
 def draco_beside_plain(gltf):

@@ -22,7 +22,7 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
     return uvs
 
 
-def lost_uvs(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
+def what_is_lost(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
     """Return what the user should know of looks that are lost, and where the file's own UVs make room for others."""
     kind = path.suffix.removeprefix(".").upper()
     looks = [part.look for part in scene.parts]

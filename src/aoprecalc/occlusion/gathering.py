@@ -59,7 +59,6 @@ def gather(
     reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
     stands_for = surface_of_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
-
     turns = Turns.of(scene)
 
     def look(some_texels: Texels, number: int, some_axes: Doubles) -> Floats:

@@ -85,9 +85,8 @@ def _warnings(
     said = []
     more_meshes = len(json["meshes"]) - len(document.json["meshes"])
     if more_meshes:
-        hint = (
-            "" if any(part.shares is not None for part in scene.parts) else " (--instances share keeps them together)"
-        )
+        together = any(part.shares is not None for part in scene.parts)
+        hint = "" if together else " (--instances share keeps them together)"
         said.append(f"{more_meshes} instances have become meshes of their own{hint}")
     far = sum(number >= SETS_EVERYWHERE for number in sets.values())
     if far:

@@ -8,7 +8,7 @@ from aoprecalc.files.obj.edit import edit_lines
 from aoprecalc.files.obj.fresh import fresh_document
 from aoprecalc.files.obj.library import library_lines, material_names
 from aoprecalc.files.obj.reader import ObjDocument
-from aoprecalc.files.one_set import lost_uvs
+from aoprecalc.files.one_set import what_is_lost
 from aoprecalc.files.references import relative_path
 from aoprecalc.model import Atlas, Floats, Scene
 from aoprecalc.options import Pack
@@ -32,7 +32,7 @@ def write_obj(
         document, names, scene.path, library, relative_path(texture, path), kept=atlas.uv_set == 0
     )
     outputs.path(library).write_bytes(_encode(lines))
-    return said or lost_uvs(path, scene, atlas)
+    return said or what_is_lost(path, scene, atlas)
 
 
 def _encode(lines: Sequence[str]) -> bytes:

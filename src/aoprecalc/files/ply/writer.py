@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.distinct import distinct_rows
 from aoprecalc.files.obj.reader import ObjDocument
-from aoprecalc.files.one_set import lost_uvs, placed_uvs
+from aoprecalc.files.one_set import placed_uvs, what_is_lost
 from aoprecalc.files.ply.reader import VERTEX_NORMALS, PlyDocument, uv_names
 from aoprecalc.files.ply.table import TYPES, Element, Lists, Property, Table, element_bytes
 from aoprecalc.files.polygons import Indices, Polygons
@@ -66,7 +66,7 @@ def write_ply(
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
-    return (*_about_others(path, scene), *lost_uvs(path, scene, atlas))
+    return (*_about_others(path, scene), *what_is_lost(path, scene, atlas))
 
 
 def _fresh_document(scene: Scene) -> PlyDocument:
