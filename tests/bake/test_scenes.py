@@ -13,7 +13,7 @@ from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.recipes import bake_scene
 from aoprecalc.surface.roles import assign_roles
-from shapes import ball, box, cap, dented, quad, quad_uvs, scene, scene_of_parts, triangle_a_cell
+from shapes import ball, box, clutter, dented, quad, quad_uvs, scene, scene_of_parts, torus, triangle_a_cell
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])
 ONE_STEP = 1 / 255
@@ -78,18 +78,20 @@ def test_a_floor_is_nowhere_but_below(backend):
 @backends
 def test_what_is_excluded_is_as_if_it_were_not_there(backend):
     """However far away it lies, and whatever it hides."""
-    alone = scene(*cap(4), triangle_a_cell(len(cap(4)[1])))
-    shapes = cap(4), box((-3, -3, -3), (3, 3, 3)), box((900, 0, 0), (901, 1, 1))
+    ring = torus(around=16, across=8)
+    alone = scene(*ring, triangle_a_cell(len(ring[1])))
+    shapes = ring, box((-3, -3, -3), (3, 3, 3)), box((900, 0, 0), (901, 1, 1))
     count = len(shapes[0][1])
     more = np.concatenate([alone.uvs, np.zeros((24, 3, 2))])
     made = scene_of_parts(*shapes, uvs=more)
     whole = bake(alone, backend, unwrap="keep")
+    assert values(whole).min() < 0.7
     without = bake(made, backend, unwrap="keep", exclude=("part 1", "part 2"))
     assert without.atlas.covers.tolist() == [True] * count + [False] * 24
     assert np.array_equal(without.texture.valid, whole.texture.valid)
     assert np.abs(without.texture.values - whole.texture.values).max() < 1e-6
     hidden = bake(made, backend, unwrap="keep", occluders_only=("part 1", "part 2"))
-    assert values(hidden).max() <= 3 * ONE_STEP
+    assert values(hidden).max() < 0.03  # the far box makes maps coarse
 
 
 @backends
@@ -178,7 +180,7 @@ def test_instances_that_share_have_the_mean_of_what_they_see(backend):
 @pytest.mark.parametrize("count", [2, 3, 20])
 def test_instances_with_the_same_surroundings_share_what_each_would_have(backend, count):
     """Also where a placement mirrors them, which turns the order of their corners."""
-    positions, faces = dented(5)
+    positions, faces = clutter(3)
     copies = [(positions, faces)]
     for number in range(1, count):
         mirrored = number % 2 == 1
@@ -193,4 +195,6 @@ def test_instances_with_the_same_surroundings_share_what_each_would_have(backend
     alone, shared = bake(scene(positions, faces), "ray"), bake(made, backend, instances="share", shadow_size=2048)
     one, two = on_part(alone, 0)[0], on_part(shared, 0)[0]
     assert one.min() < 0.6
-    assert np.sqrt(((one - two) ** 2).mean()) < (0.012 if backend == "ray" else 0.03 + 0.02 * count)
+    assert np.sqrt(((one - two) ** 2).mean()) < (
+        (0.012 if count < 8 else 0.04) if backend == "ray" else 0.03 + 0.02 * count
+    )

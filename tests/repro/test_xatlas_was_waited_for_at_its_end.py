@@ -9,8 +9,8 @@ STUCK = """import time
 import xatlas
 
 class Stuck(xatlas.Atlas):
-    def __del__(self):
-        time.sleep(600)
+    def __del__(self, wait=time.sleep):  # found even when modules are gone
+        wait(600)
 
 xatlas.Atlas = Stuck
 from aoprecalc.atlas.xatlas_child import main
