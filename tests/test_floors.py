@@ -12,6 +12,7 @@ ROOT = Path(aoprecalc.__file__).parent
 # From the top. What stands on a floor may import what lies below it, and nothing beside or above it.
 FLOORS = [
     ["cli"],
+    ["pipeline"],
     ["recipes"],
     ["files", "pictures"],
     ["occlusion", "spheres", "measure"],
@@ -19,11 +20,11 @@ FLOORS = [
     ["texspace"],
     ["gl", "rays", "surface"],
     ["model"],
-    ["options", "progress"],
+    ["options", "progress", "quantities"],
     ["errors"],
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "__init__"]
+STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "quantities", "__init__"]
 NO_GL = ["spheres", "measure", "files", "pictures", "surface", "model"]
 MODULES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
 

@@ -22,6 +22,7 @@ Up = Literal["auto", "x", "y", "z"]
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
 Method = Literal["lloyd", "algebraic", "shadow", "collision"]
+Ship = Literal["auto", "folder", "bytes"]
 
 # name -> (least, greatest): the ranges that help texts print and that every way in is held to.
 RANGES: dict[str, tuple[int, int]] = {
@@ -42,6 +43,9 @@ RANGES: dict[str, tuple[int, int]] = {
     "points": (1, 10_000_000),
     "rays": (64, 1_000_000),
     "tolerance": (0, 1),
+    "jobs": (0, 4096),
+    "timeout": (0, 10_000_000),
+    "retries": (0, 100),
 }
 
 # Options that are called otherwise than their fields.
@@ -227,3 +231,54 @@ class VerifyOptions(LightOptions):
     crease_angle: float | None = None
     tolerance: float | None = None
     threads: int = 0
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """How to compare two results.
+
+    tolerance   the greatest difference that passes as near: of textures the root mean square; for others see the
+                README. The default is less than an eye sees and more than another version of a renderer changes
+    """
+
+    tolerance: float = 0.005
+
+    def __post_init__(self) -> None:
+        """Raise UsageError where a value is out of its range."""
+        _check(self)
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """How to work through many assets.
+
+    jobs        assets at a time, each in a process of its own; 0: as many as there are cores and GiB of memory
+    timeout     seconds after which an asset is given up; None: never
+    retries     how often an asset is tried again whose process died (of a crash, or for want of memory)
+    fail_fast   stop at the first asset that fails; else the others go on
+    force       make everything again, whatever is there already
+    cache_size  bytes to which the cache is pruned after a batch that added to it; what was used last stays
+    scheduler   address of a Dask scheduler whose workers do the work, such as tcp://host:8786; None: this machine
+    ship        how files reach those workers and come back: folder: under the same paths, which they share; bytes: over
+                the network; auto: folder, if they see the output folder
+    split       the visibility of each bake is divided among the workers, one asset after the other
+    """
+
+    jobs: int = 0
+    timeout: float | None = None
+    retries: int = 1
+    fail_fast: bool = False
+    force: bool = False
+    cache_size: int = 10 << 30
+    scheduler: str | None = None
+    ship: Ship = "auto"
+    split: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise UsageError where a value is out of its range."""
+        _check(self)
+        if self.timeout == 0:
+            raise UsageError("--timeout is 0; expected more, or no such option for no limit")
+        if self.scheduler is None and (self.split or self.ship != "auto"):
+            name = "--split" if self.split else "--ship"
+            raise UsageError(f"{name} is for the workers of a --scheduler, which was not given; add it or omit {name}")

@@ -1,17 +1,19 @@
 """Options that take their defaults, choices and ranges from `aoprecalc.options`."""
 
-import re
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import click
 
+from aoprecalc.errors import UsageError
 from aoprecalc.options import RANGES, LightOptions
+from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read_size
 
 _METAVARS = {"crease_angle": "DEG", "target_error": "E", "tolerance": "E"}
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Value = TypeVar("Value")
 
 
 def option(*names: str, of: type, field: str, help: str) -> Callable[[Command], Command]:
@@ -63,33 +65,17 @@ def common(command: Command) -> Command:
     return command
 
 
-def size(text: str) -> tuple[int, int]:
-    """Read a texture's size, `1024` or `2048x1024`, as (width, height)."""
-    match = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", text.strip())
-    if match is None:
-        raise click.BadParameter(f"{text!r} is not a size; expected a number of texels such as 1024, or 2048x1024")
-    return int(match[1]), int(match[2] or match[1])
+def written(read: Callable[[str], Value]) -> Callable[[str], Value]:
+    """Return a click type for a quantity that people write; click says of which option it is wrong."""
+
+    def convert(text: str) -> Value:
+        try:
+            return read(text)
+        except UsageError as error:
+            raise click.BadParameter(str(error)) from error
+
+    return convert
 
 
-def levels(text: str) -> tuple[int, ...]:
-    """Read numbers of spheres, such as 8,32,128."""
-    if not re.fullmatch(r"\s*\d{1,9}\s*(,\s*\d{1,9}\s*)*", text):
-        raise click.BadParameter(f"{text!r} are no numbers of spheres; expected some such as 8,32,128")
-    return tuple(int(number) for number in text.split(","))
-
-
-def memory(text: str) -> int:
-    """Read an amount of memory such as 800M or 1.5G (or GB, GiB: all are powers of 1024), in bytes."""
-    match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT])(?:i?B)?", text.strip(), re.IGNORECASE)
-    if match is None:
-        raise click.BadParameter(f"{text!r} is no amount of memory; expected a number and K, M, G or T, such as 1.5G")
-    return int(float(match[1]) * 1024 ** (1 + "KMGT".index(match[2].upper())))
-
-
-def shadow_size(text: str) -> int | None:
-    """Read the side of a near/far map: a number of texels, or `auto`, which is None."""
-    if text == "auto":
-        return None
-    if not re.fullmatch(r"\d{1,9}", text):
-        raise click.BadParameter(f"{text!r} is neither a number of texels nor auto")
-    return int(text)
+size, levels = written(read_size), written(read_levels)
+memory, shadow_size = written(read_bytes), written(read_shadow_size)

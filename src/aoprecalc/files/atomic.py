@@ -20,8 +20,17 @@ class Outputs(AbstractContextManager["Outputs"]):
             write_something(outputs.path("build/rock_ao.png"))
     """
 
-    def __init__(self) -> None:
-        """Start with no files."""
+    def __init__(
+        self, staging: str | os.PathLike[str] | None = None, own: Iterable[str | os.PathLike[str]] = ()
+    ) -> None:
+        """Start with no files.
+
+        staging   a folder of the same file system in which files are written, rather than beside their places; these
+                  need not have their folders yet. Who gives one takes the files over by `release`
+        own       files that an earlier run made, which these are to replace
+        """
+        self._staging = None if staging is None else Path(staging)
+        self._own = {_real(path) for path in own}
         self._pending: dict[Path, Path] = {}
         self._claimed: set[Path] = set()
         self._protected: set[Path] = set()
@@ -56,6 +65,15 @@ class Outputs(AbstractContextManager["Outputs"]):
         """Return where the contents of `final` are now: under its temporary path if it is one of these files."""
         return self._pending.get(_real(final), Path(final))
 
+    def may_replace(self, final: str | os.PathLike[str]) -> bool:
+        """Tell whether nothing is there, or what an earlier run made."""
+        return _real(final) in self._own or not Path(final).exists()
+
+    def release(self) -> dict[Path, Path]:
+        """Return the place of each file, with links followed, and where it is now; whoever asked moves or removes it."""
+        pending, self._pending = self._pending, {}
+        return pending
+
     def claim(self, final: str | os.PathLike[str]) -> None:
         """Make sure, before long work, that `final` can be written and that nothing else will be written there.
 
@@ -81,9 +99,9 @@ class Outputs(AbstractContextManager["Outputs"]):
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "no regular file"
             raise OutputError(f"{final}: is {kind}, a file name was expected; choose another output")
-        if not target.parent.is_dir():
+        if self._staging is None and not target.parent.is_dir():
             raise OutputError(f"{final}: there is no folder {Path(final).parent}; create it or choose another output")
-        temporary = target.with_name(f".{secrets.token_hex(6)}.{target.name}")
+        temporary = (self._staging or target.parent) / f".{secrets.token_hex(6)}.{target.name}"
         try:
             temporary.touch(exist_ok=False)
         except OSError as error:

@@ -8,14 +8,15 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError, OutputError, UsageError
 from aoprecalc.files.atomic import Outputs
-from aoprecalc.files.gltf.document import GltfDocument
+from aoprecalc.files.gltf.document import GltfDocument, gltf_files
 from aoprecalc.files.gltf.reader import read_gltf
 from aoprecalc.files.gltf.writer import write_gltf
 from aoprecalc.files.obj.library import material_use
-from aoprecalc.files.obj.reader import ObjDocument, read_obj
+from aoprecalc.files.obj.materials import material_files
+from aoprecalc.files.obj.reader import ObjDocument, obj_files, read_obj
 from aoprecalc.files.obj.writer import write_obj
 from aoprecalc.files.off_reader import read_off
-from aoprecalc.files.ply.reader import PlyDocument, read_ply
+from aoprecalc.files.ply.reader import PlyDocument, ply_files, read_ply
 from aoprecalc.files.ply.writer import write_ply
 from aoprecalc.files.stl_reader import read_stl
 from aoprecalc.model import Atlas, Floats, Scene
@@ -28,6 +29,14 @@ READERS: dict[str, Callable[[Path, bytes], Scene]] = {
     "off": read_off,
     "gltf": read_gltf,
     "glb": read_gltf,
+}
+
+# What finds the files that one refers to; the other kinds of file refer to none.
+REFERENCES: dict[str, Callable[[Path, bytes], list[Path]]] = {
+    "obj": obj_files,
+    "ply": ply_files,
+    "gltf": gltf_files,
+    "glb": gltf_files,
 }
 
 WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Floats, Path, Pack], tuple[str, ...]]] = {
@@ -76,12 +85,19 @@ def source_files(scene: Scene) -> list[Path]:
     if isinstance(scene.document, GltfDocument):
         return [scene.path, *scene.document.files()]
     if isinstance(scene.document, ObjDocument):
-        materials = scene.document.materials.values()
-        pictures = [picture for material in materials for picture in (material.picture, material.ambient) if picture]
-        return [scene.path, *scene.document.libraries, *pictures]
+        return [scene.path, *scene.document.libraries, *material_files(scene.document.materials.values())]
     if isinstance(scene.document, PlyDocument) and scene.document.picture is not None:
         return [scene.path, scene.document.picture]
     return [scene.path]
+
+
+def input_files(path: Path, data: bytes) -> list[Path]:
+    """Return the same, whether they are there or not, of a mesh file of the given bytes, without reading its mesh."""
+    kind = path.suffix.lower().removeprefix(".")
+    try:
+        return [path, *dict.fromkeys(REFERENCES[kind](path, data) if kind in REFERENCES else ())]
+    except Exception:  # a damaged file refers to nothing that could be used
+        return [path]
 
 
 def mesh_suffix(scene: Scene, atlas: Atlas | None = None) -> tuple[str, str]:

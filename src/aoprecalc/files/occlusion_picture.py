@@ -17,6 +17,10 @@ from aoprecalc.files.ply.reader import PlyDocument
 from aoprecalc.model import Doubles, Floats, Mask, Part, Scene
 
 
+class NoOcclusionError(InputError):
+    """A mesh refers to no picture of its ambient occlusion, or has no UVs by which one lies on it."""
+
+
 @dataclass(frozen=True, eq=False)
 class OcclusionPicture:
     """A picture of ambient occlusion and how it lies on a scene.
@@ -44,11 +48,12 @@ def find_occlusion(scene: Scene, texture: Path | None = None) -> OcclusionPictur
     there is none, `<stem>.png` beside the mesh. Where materials have different pictures, it is the first, or that of
     them which is `texture`, and its faces only. UVs are those of the occlusionTexture, else the file's first.
 
-    Raises InputError where there are no UVs, no picture is found, or it cannot be read.
+    Raises NoOcclusionError where there are no UVs or no picture is found, InputError where it cannot be read.
     """
     parts = [_part(scene, part) for part in scene.parts]
     if all(part.uvs is None for part in parts):
-        raise InputError(f"{scene.path}: has no UVs, by which a texture lies on a mesh; bake it, or export it with UVs")
+        found = "has no UVs, by which a texture lies on a mesh"
+        raise NoOcclusionError(f"{scene.path}: {found}; bake it, or export it with UVs")
     pictures = list(dict.fromkeys(part.picture for part in parts if part.picture is not None))
     chosen = _choose(scene.path, pictures, texture)
     sizes = [part.stop - part.start for part in scene.parts]
@@ -94,7 +99,7 @@ def _choose(mesh: Path, pictures: Sequence[Picture], texture: Path | None) -> Pi
         same = (p for p in pictures if p.path is not None and os.path.realpath(p.path) == os.path.realpath(texture))
         return next(same, Picture(str(texture), texture))
     if not pictures:
-        raise InputError(
+        raise NoOcclusionError(
             f"{mesh}: refers to no picture of its ambient occlusion, and there is no {beside.name} beside it; "
             "pass the picture with --texture"
         )

@@ -1,5 +1,6 @@
 """Bake: from a mesh file to an ambient-occlusion texture and the mesh that it belongs to."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -64,6 +65,7 @@ def bake(
     mesh_output: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
     verify: bool = False,
+    outputs: Outputs | None = None,
     options: BakeOptions | None = None,
     progress: Progress | None = None,
 ) -> BakeResult:
@@ -73,6 +75,7 @@ def bake(
     mesh_output   the mesh with the texture's UVs; by default <stem>_ao.<ext> beside the texture
     report        a JSON file for the report
     verify        measure the texture that was written against ray tracing, for the report
+    outputs       receives the files, which the caller then moves to their places; None: they appear at the end
     Either all files appear, or none and InputError, UsageError, RendererError or OutputError is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()
@@ -82,7 +85,7 @@ def bake(
     choose_depth(texture_path, options.bit_depth)
     if verify:
         occluders.require()
-    with Outputs() as outputs:
+    with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
         claim(outputs, output, texture_path)
         with watch.stage("load"):

@@ -1,5 +1,6 @@
 """Spheres: from a mesh file to a set of spheres that stands in for it."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -44,12 +45,14 @@ def fit_spheres(
     mesh: str | PathLike[str],
     output: str | PathLike[str] | None = None,
     *,
+    outputs: Outputs | None = None,
     options: SphereOptions | None = None,
     progress: Progress | None = None,
 ) -> SpheresResult:
     """Fit spheres to a mesh file and write them.
 
     output   a file, or a folder (existing, or ending in /); by default <stem>_spheres.json in the current folder
+    outputs  receives the file, which the caller then moves to its place; None: it appears at the end
     Raises InputError, UsageError or OutputError; then no file is left behind.
     """
     options, progress = options or SphereOptions(), progress or Progress()
@@ -58,7 +61,7 @@ def fit_spheres(
     check_kind(path)
     if options.levels and path.suffix.lower() != ".json":
         raise UsageError(f"{path}: --levels are kept by .json alone; rename the output, or fit each level by itself")
-    with Outputs() as outputs:
+    with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
         claim(outputs, output, path)
         with progress.stage("load"):

@@ -37,8 +37,7 @@ class GltfDocument:
 
     def files(self) -> list[Path]:
         """Return the files that its buffers and images refer to, there or not."""
-        uris = [entry["uri"] for kind in ("buffers", "images") for entry in self.json.get(kind, []) if "uri" in entry]
-        return [file for uri in uris if (file := local_file(self.path, uri)) is not None]
+        return _files(self.path, self.json)
 
     def entry(self, kind: str, index: int) -> Json:
         """Return entry `index` of the document's array `kind`; raises InputError where there is none."""
@@ -54,16 +53,14 @@ def parse_gltf(path: Path, data: bytes) -> GltfDocument:
 
     Raises InputError where it is not glTF 2.0 or a buffer is missing or cut off.
     """
-    text, binary = _split_glb(path, data) if data.startswith(MAGIC) else (data, None)
-    try:
-        document = json.loads(text)
-        version = str(document["asset"]["version"])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise damaged(path, f"a JSON document with asset.version was expected ({error})") from error
-    if not version.startswith("2."):
-        raise InputError(f"{path}: is glTF {version[:8]!a}, version 2.0 was expected; convert it")
+    document, binary = _parse_json(path, data)
     buffers = [_buffer(path, index, buffer, binary) for index, buffer in enumerate(document.get("buffers", []))]
     return GltfDocument(path, document, tuple(buffers))
+
+
+def gltf_files(path: Path, data: bytes) -> list[Path]:
+    """Return the files that a glTF or GLB file of the given bytes refers to; raises InputError where it is not glTF."""
+    return _files(path, _parse_json(path, data)[0])
 
 
 def local_file(path: Path, uri: str) -> Path | None:
@@ -71,6 +68,24 @@ def local_file(path: Path, uri: str) -> Path | None:
     if urlsplit(uri).scheme or uri.startswith("//"):
         return None
     return path.parent / unquote(uri)
+
+
+def _files(path: Path, document: Json) -> list[Path]:
+    uris = [entry["uri"] for kind in ("buffers", "images") for entry in document.get(kind, []) if "uri" in entry]
+    return [file for uri in uris if (file := local_file(path, uri)) is not None]
+
+
+def _parse_json(path: Path, data: bytes) -> tuple[Json, bytes | None]:
+    """Return the document, and the binary chunk of a GLB."""
+    text, binary = _split_glb(path, data) if data.startswith(MAGIC) else (data, None)
+    try:
+        document: Json = json.loads(text)
+        version = str(document["asset"]["version"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise damaged(path, f"a JSON document with asset.version was expected ({error})") from error
+    if not version.startswith("2."):
+        raise InputError(f"{path}: is glTF {version[:8]!a}, version 2.0 was expected; convert it")
+    return document, binary
 
 
 def _split_glb(path: Path, data: bytes) -> tuple[bytes, bytes | None]:

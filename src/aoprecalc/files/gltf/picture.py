@@ -131,7 +131,7 @@ def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
     return next(
         free.name
         for free in _names(outputs, path.parent / name)
-        if free not in own and (not free.exists() or free.read_bytes() == data)
+        if free not in own and (outputs.may_replace(free) or free.read_bytes() == data)
     )
 
 

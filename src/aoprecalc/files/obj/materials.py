@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +50,11 @@ def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material
                 materials[name] = _material(folder, name, lines)
             name, lines = words[1].strip() if len(words) == 2 else None, []
     return materials
+
+
+def material_files(materials: Iterable[Material]) -> list[Path]:
+    """Return the pictures of materials that are read or passed on."""
+    return [picture for material in materials for picture in (material.picture, material.ambient) if picture]
 
 
 def names_picture(line: str) -> bool:

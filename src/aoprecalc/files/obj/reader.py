@@ -4,6 +4,7 @@ trimesh's reader is not used for this format: it regroups the faces by material,
 end of the file, takes index 0 for the first vertex, and drops all UVs where one face has none.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.files.damage import damaged
-from aoprecalc.files.obj.materials import Material, read_materials
+from aoprecalc.files.obj.materials import Material, material_files, read_materials
 from aoprecalc.files.pieces import Piece, build_scene
 from aoprecalc.files.polygons import Polygons, polygon_triangles
 from aoprecalc.model import Doubles, Ints, Scene
+
+_LIBRARY = re.compile(rb"(?:^|[\r\n])[ \t]*mtllib[ \t]+([^\r\n]+)")
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,13 @@ def read_obj(path: Path, data: bytes) -> Scene:
     whole_normals = bool((corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all())
     document = ObjDocument(text, corners.astype(np.int32), polygons, whole_normals, materials, libraries)
     return build_scene(path, "obj", pieces, document, warnings)
+
+
+def obj_files(path: Path, data: bytes) -> list[Path]:
+    """Return the MTL files that an OBJ file of the given bytes names, and the pictures that these are for."""
+    names = [name.decode("utf-8", "surrogateescape").strip() for name in _LIBRARY.findall(data)]
+    materials = read_materials(path.parent, names).values()
+    return [*(path.parent / name for name in names), *material_files(materials)]
 
 
 def statement(line: str) -> tuple[str, str, str]:

@@ -42,6 +42,10 @@ class _Header:
     comments: tuple[str, ...]
     texture: str | None
 
+    def picture(self, path: Path) -> Path | None:
+        """Return the file of that texture, for the PLY at `path`."""
+        return None if self.texture is None else path.parent / self.texture.replace("\\", "/")
+
 
 @dataclass(frozen=True, eq=False)
 class PlyDocument:
@@ -88,9 +92,15 @@ def read_ply(path: Path, data: bytes) -> Scene:
 
     uv_sets = () if corner_uvs is None else (corner_uvs,)
     others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in REWRITTEN)
-    picture = None if header.texture is None else path.parent / header.texture.replace("\\", "/")
+    picture = header.picture(path)
     document = PlyDocument(columns, polygons, face_columns, others, header.comments, picture)
     return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, uv_sets)], document)
+
+
+def ply_files(path: Path, data: bytes) -> list[Path]:
+    """Return the texture that a PLY file of the given bytes names; raises InputError where it is damaged."""
+    picture = _header(path, data).picture(path)
+    return [] if picture is None else [picture]
 
 
 def uv_names(columns: Collection[str]) -> tuple[str, ...]:

@@ -100,6 +100,14 @@ def read_json(path: Path) -> tuple[Doubles, Doubles]:
     return _spheres(path, document)
 
 
+def read_coarser(path: Path) -> list[tuple[Doubles, Doubles]]:
+    """Read what `read_json` does of each of the coarser levels, the coarsest first; there may be none."""
+    levels = _load(path).get("levels", [])
+    if not (isinstance(levels, list) and all(isinstance(level, dict) for level in levels)):
+        raise InputError(f'{path}: has "levels" that are no sphere sets; write it again with `aoprecalc spheres`')
+    return [_spheres(path, level) for level in levels]
+
+
 def _load(path: Path) -> dict[str, Any]:
     try:
         document = json.loads(source_bytes(path))

@@ -1,10 +1,10 @@
-"""Reads the spheres of a set for measuring them, whatever made it."""
+"""Reads the spheres of a set for measuring or comparing them, whatever made it."""
 
 from pathlib import Path
 
 from aoprecalc.errors import InputError
 from aoprecalc.files.sphere_sets.csv_table import read_csv
-from aoprecalc.files.sphere_sets.json_document import read_json
+from aoprecalc.files.sphere_sets.json_document import read_coarser, read_json
 from aoprecalc.files.sphere_sets.npz import read_npz
 from aoprecalc.files.sphere_sets.source import check_spheres
 from aoprecalc.model import Doubles
@@ -28,3 +28,14 @@ def read_spheres(path: Path) -> tuple[Doubles, Doubles]:
     centers, radii = read(path)
     check_spheres(path, centers, radii)
     return centers, radii
+
+
+def read_levels(path: Path) -> list[tuple[Doubles, Doubles]]:
+    """Read (centers, radii) of every level of a set, the coarsest first; only .json has more than one.
+
+    Raises InputError as `read_spheres` does.
+    """
+    levels = read_coarser(path) if path.suffix.lower() == ".json" else []
+    for centers, radii in levels:
+        check_spheres(path, centers, radii)
+    return [*levels, read_spheres(path)]

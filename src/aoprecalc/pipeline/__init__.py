@@ -1,0 +1,7 @@
+"""Many assets: each made once, only when it must be, in processes here or on a cluster."""
+
+from aoprecalc.pipeline.batch import BatchResult, batch, run
+from aoprecalc.pipeline.cache import Cache, default_cache
+from aoprecalc.pipeline.watching import Result, Watcher
+
+__all__ = ["BatchResult", "Cache", "Result", "Watcher", "batch", "default_cache", "run"]

@@ -1,0 +1,121 @@
+"""Which meshes a batch works on, and what each of them is called in the output folder."""
+
+import glob
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from aoprecalc.errors import InputError, UsageError
+from aoprecalc.files.meshes import READERS
+from aoprecalc.pipeline.orders import Order
+
+
+@dataclass(frozen=True)
+class Asset:
+    """One mesh of a batch.
+
+    name    its folder and stem below the output folder, such as props/rock, with forward slashes; no other's
+    mesh    its file, as the pattern found it
+    order   what is made of it
+    """
+
+    name: str
+    mesh: Path
+    order: Order
+
+    @property
+    def folder(self) -> str:
+        """Its folder below the output folder; empty for that itself."""
+        return self.name.rpartition("/")[0]
+
+    @property
+    def stem(self) -> str:
+        """What its files' names begin with."""
+        return self.name.rpartition("/")[2]
+
+
+def is_pattern(text: str) -> bool:
+    """Tell whether a text has a wildcard, which no file has that is called so."""
+    return glob.has_magic(text) and not Path(text).exists()
+
+
+def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str | Path = "") -> list[Path]:
+    """Return the mesh files that patterns stand for, sorted, each once, but for those that a batch has `made`.
+
+    A pattern is a file's name, perhaps with *, ? and ** (any folders), or a folder, which stands for all in it.
+    What has wildcards or is a folder takes files of known kinds only.
+    root   the folder from which the patterns count; empty: the present one
+    Raises InputError for a pattern that fits no mesh.
+    """
+    found: dict[Path, None] = {}
+    for pattern in patterns:
+        path = os.path.join(root, pattern)
+        if os.path.isdir(path):
+            path = os.path.join(glob.escape(path), "**")
+        if is_pattern(path):
+            fitting = [mesh for mesh in _meshes(glob.iglob(path, recursive=True)) if not made(mesh)]
+        else:
+            fitting = [Path(path)] if os.path.exists(path) or _is_mesh(path) else []  # a missing mesh fails by itself
+        if not fitting:
+            kinds = ", ".join(f".{kind}" for kind in READERS)
+            raise InputError(f"{path}: fits no mesh, one of {kinds} was expected; check the pattern")
+        found |= dict.fromkeys(fitting)
+    return list(found)
+
+
+def base_folder(patterns: Iterable[str], root: str | Path = "") -> Path:
+    """Return the folder that all patterns lie in, up to their first wildcard: names count from there."""
+    fixed = []
+    for pattern in patterns:
+        path = Path(os.path.abspath(os.path.join(root, pattern)))
+        if path.is_dir():
+            fixed.append(path)
+            continue
+        while path != path.parent and is_pattern(str(path)):
+            path = path.parent
+        fixed.append(path if path.is_dir() else path.parent)
+    return Path(os.path.commonpath(fixed))
+
+
+def name_assets(meshes: Sequence[Path], base: Path) -> list[str]:
+    """Return each mesh's way from the base folder without its extension, such as props/rock.
+
+    Meshes that would have one name keep their extensions in it, such as rock_obj and rock_glb, whatever capitals a file
+    system tells apart. Raises UsageError where that does not part them.
+    """
+    ways = [Path(os.path.relpath(os.path.abspath(mesh), base)) for mesh in meshes]
+    plain = [_inside(way.with_suffix("")) for way in ways]
+    count: dict[str, int] = {}
+    for name in plain:
+        count[name.casefold()] = count.get(name.casefold(), 0) + 1
+    names = [
+        f"{name}_{way.suffix.lower().removeprefix('.')}" if count[name.casefold()] > 1 else name
+        for name, way in zip(plain, ways, strict=True)
+    ]
+    check_distinct(names, meshes)
+    return names
+
+
+def check_distinct(names: Sequence[str], meshes: Sequence[Path]) -> None:
+    """Raise UsageError where two meshes have one name."""
+    seen: dict[str, Path] = {}
+    for name, mesh in zip(names, meshes, strict=True):
+        other = seen.setdefault(name.casefold(), mesh)
+        if other is not mesh:
+            raise UsageError(
+                f"{mesh} and {other} would both be written as {name}; rename one, or name them in a manifest"
+            )
+
+
+def _meshes(paths: Iterable[str]) -> list[Path]:
+    return sorted(Path(path) for path in paths if _is_mesh(path) and os.path.isfile(path))
+
+
+def _is_mesh(path: str) -> bool:
+    return path.lower().endswith(tuple(f".{kind}" for kind in READERS))
+
+
+def _inside(way: Path) -> str:
+    """Return a way as a name below the output folder, which it never leaves."""
+    return "/".join(part for part in way.parts if part not in ("..", "/"))

@@ -1,0 +1,122 @@
+"""Batch: from many mesh files to their textures and spheres, each made once and only when it must be."""
+
+import os
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
+from aoprecalc.pipeline.assets import Asset
+from aoprecalc.pipeline.cache import Cache
+from aoprecalc.pipeline.crew import Crew, open_crew
+from aoprecalc.pipeline.library import Library, Task
+from aoprecalc.pipeline.orders import Order
+from aoprecalc.pipeline.plan import plan
+from aoprecalc.pipeline.report import batch_report
+from aoprecalc.pipeline.watching import Result, Watcher
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """What became of each asset, in the assets' order.
+
+    passed        all are there
+    interrupted   by Ctrl-C or a signal: what was finished stays, the rest is `stopped`
+    report        of plain JSON values; see the README for its keys
+    """
+
+    results: tuple[Result, ...]
+    passed: bool
+    interrupted: bool
+    report: dict[str, Any]
+
+
+def batch(
+    patterns: str | PathLike[str] | Sequence[str | PathLike[str]],
+    output: str | PathLike[str] | None = None,
+    *,
+    bake: BakeOptions | None = None,
+    spheres: SphereOptions | None = None,
+    cache: str | PathLike[str] | None = None,
+    options: BatchOptions | None = None,
+    watcher: Watcher | None = None,
+) -> BatchResult:
+    """Bake the textures and fit the spheres of many meshes, in several processes; what is there already stays.
+
+    patterns   mesh files, folders of them, names with *, ? and **; or one manifest (.toml), which says what is made
+    output     the folder for the results, in which each asset has the place that it has among the inputs
+    bake, spheres   what is made of each; a bake with the defaults if neither is given
+    cache      a folder of results that batches share; None: none
+    An asset that fails is an answer, not an error: the others are made. Raises InputError where a pattern fits nothing,
+    UsageError where something cannot be asked for so, OutputError where the output folder or the cache cannot be
+    written.
+    """
+    paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
+    order = Order(bake, spheres) if bake or spheres else None
+    assets, folder = plan([os.fspath(path) for path in paths], output, order)
+    return run(assets, folder, cache, options, watcher)
+
+
+def run(
+    assets: Sequence[Asset],
+    output: Path,
+    cache: str | PathLike[str] | None = None,
+    options: BatchOptions | None = None,
+    watcher: Watcher | None = None,
+) -> BatchResult:
+    """Make assets, whose names are distinct, in the output folder; see `batch`."""
+    started, options, watcher = time.perf_counter(), options or BatchOptions(), watcher or Watcher()
+    results: dict[str, Result] = {}
+    interrupted = False
+
+    def end(result: Result) -> bool:
+        """Note a result; return whether the batch is over with it."""
+        results[result.asset.name] = result
+        watcher.end(result)
+        return options.fail_fast and result.status == "failed"
+
+    with Library(output, None if cache is None else Cache(Path(cache)), options, watcher) as library:
+        watcher.begin(len(assets))
+        try:
+            tasks = []
+            for asset in assets:
+                found = library.look(asset)
+                if isinstance(found, Task):
+                    tasks.append(found)
+                elif end(found):
+                    break
+            else:
+                tasks.sort(key=Task.weight, reverse=True)  # the longest first, lest one be alone at the end
+                with open_crew(len(tasks), options) as crew:
+                    for result in _made(tasks, library, crew, watcher):
+                        if end(result):
+                            break
+        except KeyboardInterrupt:
+            interrupted = True
+    stopped = [asset for asset in assets if asset.name not in results]
+    for asset in stopped:
+        end(Result(asset, "stopped"))
+    ordered = tuple(results[asset.name] for asset in assets)
+    passed = all(result.status in ("made", "unchanged", "cached") for result in ordered)
+    report = batch_report(ordered, output, time.perf_counter() - started)
+    return BatchResult(ordered, passed, interrupted, report)
+
+
+def _made(tasks: Sequence[Task], library: Library, crew: Crew, watcher: Watcher) -> Iterable[Result]:
+    """Have the crew do the tasks; yield the result of each when its files are at their places."""
+    of_job = {task.asset.name: task for task in tasks}
+    begun: dict[str, float] = {}
+    jobs = [library.job(task, crew.threads) for task in tasks]
+    with closing(crew.run(jobs)) as events:
+        for event in events:
+            task = of_job[event.job.name]
+            if event.outcome is None:
+                begun.setdefault(event.job.name, time.perf_counter())
+                watcher.stage(task.asset, event.stage)
+                continue
+            seconds = time.perf_counter() - begun.get(event.job.name, time.perf_counter())
+            yield library.take(task, event.job, event.outcome, seconds)

@@ -1,0 +1,157 @@
+"""Results by what they were made from: a folder that batches share, also those of other machines.
+
+    <folder>/v1/ab/abcd.../        an entry, under the key of its result
+        result.json                what was made
+        files/                     its files
+    <folder>/v1/new/               what is being written, or was when a batch was killed
+
+An entry appears whole, by being renamed, and is never changed; so writers and readers need no lock. The time of
+result.json is that of the last use.
+"""
+
+import json
+import os
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aoprecalc.errors import OutputError
+from aoprecalc.pipeline.inputs import file_digest
+
+_ABANDONED = 24 * 3600  # seconds after which what is being written has no writer any more
+_FINE = 60  # seconds: no need to note each use more finely
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a cache holds, or what was removed from it: entries and bytes."""
+
+    entries: int
+    bytes: int
+
+
+class Cache:
+    """A cache folder, which need not exist."""
+
+    def __init__(self, folder: Path) -> None:
+        """Name the folder."""
+        self.folder = folder
+        self._home = folder / "v1"
+
+    def get(self, key: str, staging: Path) -> tuple[dict[str, Path], dict[str, Any]] | None:
+        """Copy the files of a result into a folder; return name -> copy, and what was said of them.
+
+        None where there is no such entry, or it is going at this moment.
+        """
+        entry = self._entry(key)
+        files: dict[str, Path] = {}
+        try:
+            said = json.loads((entry / "result.json").read_bytes())
+            for name, digest in said["files"].items():
+                files[name] = staging / f"{secrets.token_hex(6)}.{Path(name).name}"
+                shutil.copyfile(entry / "files" / name, files[name])
+                if file_digest(files[name]) != digest:
+                    self._remove(entry)  # damaged: it is made anew
+                    raise ValueError
+            summary: dict[str, Any] = said["summary"]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            for copy in files.values():
+                copy.unlink(missing_ok=True)
+            return None
+        with suppress(OSError):  # a cache that cannot be written serves, too
+            if (entry / "result.json").stat().st_mtime < time.time() - _FINE:
+                os.utime(entry / "result.json")
+        return files, summary
+
+    def put(self, key: str, files: Mapping[str, Path], summary: Mapping[str, Any]) -> bool:
+        """Add a result unless it is there; return whether it was added.
+
+        files     name, without a folder -> file, which is copied
+        Raises OutputError where the folder cannot be written.
+        """
+        entry = self._entry(key)
+        if entry.exists():
+            return False
+        new = self._home / "new" / secrets.token_hex(12)
+        try:
+            (new / "files").mkdir(parents=True)
+            for name, file in files.items():
+                shutil.copyfile(file, new / "files" / name)
+            digests = {name: file_digest(file) for name, file in sorted(files.items())}
+            said = json.dumps({"files": digests, "summary": dict(summary)})
+            (new / "result.json").write_text(said, encoding="utf-8")
+            entry.parent.mkdir(parents=True, exist_ok=True)
+            os.rename(new, entry)
+        except OSError as error:
+            shutil.rmtree(new, ignore_errors=True)
+            if entry.exists():  # another writer was faster, with the same
+                return False
+            reason = error.strerror or str(error)
+            raise OutputError(f"{self.folder}: the cache cannot be written ({reason}); choose another --cache") from error
+        return True
+
+    def usage(self) -> Usage:
+        """Count what it holds."""
+        sizes = [size for _, _, size in self._entries()]
+        return Usage(len(sizes), sum(sizes))
+
+    def prune(self, most: int | None = None, age: float | None = None) -> Usage:
+        """Remove what was last used more than `age` seconds ago, then the longest unused beyond `most` bytes.
+
+        Returns what was removed.
+        """
+        self._sweep()
+        entries = sorted(self._entries(), reverse=True)
+        now, kept, removed = time.time(), 0, []
+        for used, entry, size in entries:
+            if (age is not None and used < now - age) or (most is not None and kept + size > most):
+                removed.append((entry, size))
+            else:
+                kept += size
+        for entry, _ in removed:
+            self._remove(entry)
+        return Usage(len(removed), sum(size for _, size in removed))
+
+    def _entry(self, key: str) -> Path:
+        return self._home / key[:2] / key
+
+    def _entries(self) -> Iterator[tuple[float, Path, int]]:
+        """Yield the time of its last use, the folder and the bytes of each entry."""
+        for result in self._home.glob("[0-9a-f][0-9a-f]/*/result.json"):
+            try:
+                used = result.stat().st_mtime
+                size = sum(file.stat().st_size for file in result.parent.rglob("*") if file.is_file())
+            except OSError:  # it is going at this moment
+                continue
+            yield used, result.parent, size
+
+    def _remove(self, entry: Path) -> None:
+        """Remove an entry: at once for those who look for it, then its files."""
+        going = self._home / "new" / secrets.token_hex(12)
+        with suppress(OSError):
+            going.parent.mkdir(exist_ok=True)
+            os.rename(entry, going)
+        shutil.rmtree(going, ignore_errors=True)
+
+    def _sweep(self) -> None:
+        """Remove what killed batches have left."""
+        for left in self._home.glob("new/*"):
+            with suppress(OSError):
+                if left.stat().st_mtime < time.time() - _ABANDONED:
+                    shutil.rmtree(left, ignore_errors=True)
+
+
+def default_cache() -> Path:
+    """Return the folder of $AOPRECALC_CACHE, else aoprecalc in the user's folder for caches."""
+    if named := os.environ.get("AOPRECALC_CACHE"):
+        return Path(named)
+    home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")
+    if not os.path.isabs(home):  # a user without a home, as in some containers
+        home = tempfile.gettempdir()
+    return Path(home) / "aoprecalc"

@@ -1,0 +1,122 @@
+"""The parent's end of a worker process: whatever happens to the process, it is the outcome of one job."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing import Pipe
+from tempfile import TemporaryFile
+
+from aoprecalc.pipeline.work import Failure, Job, Outcome
+
+POLL = 0.05  # seconds between two looks at the clock and at whether to stop
+_MOST_JOBS = 100  # of one process: what libraries leak does not grow without bounds
+_SAID = 2000  # bytes of what a dying process said last
+
+
+class Child:
+    """A worker process, started for the first job and again after it died."""
+
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self._process: subprocess.Popen[bytes] | None = None
+        self._done = 0
+
+    def run(
+        self,
+        job: Job,
+        tell: Callable[[str], None],
+        *,
+        timeout: float | None = None,
+        retries: int = 0,
+        stop: threading.Event | None = None,
+    ) -> Outcome:
+        """Return the outcome of a job.
+
+        tell      is called with each stage that the job comes to
+        timeout   seconds, after which the process is killed
+        retries   how often a job whose process died is tried again
+        stop      kills the process when it is set
+        """
+        for attempt in range(retries + 1):
+            outcome = self._once(job, tell, timeout, stop or threading.Event())
+            if not isinstance(outcome, Failure) or outcome.kind != "crash":
+                break
+            tell(f"again, as its process died ({attempt + 1})")
+        return outcome
+
+    def close(self) -> None:
+        """End the process and all that it has started."""
+        if self._process is None:
+            return
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._connection.close()
+        self._said.close()
+        self._process = None
+
+    def _once(self, job: Job, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Outcome:
+        try:
+            outcome = self._ask(job, tell, timeout, stop)
+        except (EOFError, OSError) as error:  # the connection ends with the process
+            outcome = Failure("crash", self._why_dead(job, error))
+        self._done += 1
+        if isinstance(outcome, Failure) and outcome.kind != "error" or self._done >= _MOST_JOBS:
+            self.close()
+        return outcome
+
+    def _ask(self, job: Job, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Outcome:
+        if self._process is None or self._process.poll() is not None:
+            self._start()
+        self._connection.send(job)
+        end = None if timeout is None else time.monotonic() + timeout
+        while True:
+            if self._connection.poll(POLL):
+                message = self._connection.recv()
+                if not isinstance(message, str):
+                    outcome: Outcome = message
+                    return outcome
+                tell(message)
+            elif stop.is_set():
+                return Failure("stopped", f"{job.shown}: was stopped")
+            elif end is not None and time.monotonic() > end:
+                return Failure(
+                    "timeout", f"{job.shown}: took longer than {timeout:g} s; allow more (--timeout) or ask for less"
+                )
+
+    def _start(self) -> None:
+        self.close()
+        self._connection, far = Pipe()
+        self._said = TemporaryFile()
+        descriptor = far.fileno()
+        # What a library prints is kept apart: standard output is for results, and a table may be on standard error.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "aoprecalc.pipeline.worker", str(descriptor), str(os.getpid())],
+            stdin=subprocess.DEVNULL,
+            stdout=self._said,
+            stderr=self._said,
+            pass_fds=[descriptor],
+            start_new_session=True,  # Ctrl-C does not reach it, and its own children can be killed with it
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},  # finds what this process found
+        )
+        far.close()
+        self._done = 0
+
+    def _why_dead(self, job: Job, error: Exception) -> str:
+        if self._process is None:
+            return f"{job.shown}: no process for it could be started ({error}); use fewer --jobs"
+        status = self._process.wait()
+        reason = f"exit status {status}"
+        if status < 0:
+            reason = signal.strsignal(-status) or f"signal {-status}"
+            if status == -signal.SIGKILL:
+                reason += ", as a system does that is out of memory: use fewer --jobs or a smaller size"
+        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID))
+        lines = self._said.read().decode(errors="replace").strip().splitlines()
+        said = f"; it said {lines[-1].strip()[:160]!r}" if lines else ""
+        return f"{job.shown}: its process died ({reason}{said})"

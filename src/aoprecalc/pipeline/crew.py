@@ -1,0 +1,120 @@
+"""Who does the jobs of a batch: processes on this machine, or the workers of a cluster."""
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Protocol
+
+from aoprecalc.options import BatchOptions
+from aoprecalc.pipeline.child import Child
+from aoprecalc.pipeline.work import Job, Outcome
+
+_OF_JOB = 1 << 30  # bytes of memory that a job may take
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened to a job: it came to a stage, or it has an outcome."""
+
+    job: Job
+    stage: str = ""
+    outcome: Outcome | None = None
+
+
+class Crew(Protocol):
+    """Does jobs.
+
+    threads   that one job is to use, where its order says nothing; 0: all cores of where it runs
+    """
+
+    threads: int
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Event]:
+        """Yield events until each job has had its outcome, once; closing the iterator ends the work."""
+        ...
+
+
+@contextmanager
+def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
+    """Open the crew that is asked for, for `count` jobs.
+
+    Raises UsageError where a cluster is asked for and cannot be reached or used.
+    """
+    if options.scheduler is None:
+        yield LocalCrew(count, options)
+        return
+    from aoprecalc.pipeline.cluster import open_cluster  # needs an extra
+
+    with open_cluster(options) as cluster:
+        yield cluster
+
+
+class LocalCrew:
+    """Processes on this machine, each with a thread here that waits for it."""
+
+    def __init__(self, count: int, options: BatchOptions) -> None:
+        """Have as many processes as the options say and `count` jobs need, started when there is work."""
+        self._size = max(1, min(options.jobs or _default_jobs(), count))
+        self._options = options
+        # who has set this has decided
+        self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, _cores() // self._size)
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Event]:
+        """See Crew."""
+        events: SimpleQueue[Event] = SimpleQueue()
+        stop = threading.Event()
+        left = iter(jobs)  # the next of a list is taken in one step, which threads do not divide
+        timeout, retries = self._options.timeout, self._options.retries
+
+        def attend() -> None:
+            child = Child()
+            try:
+                while not stop.is_set() and (job := next(left, None)) is not None:
+                    tell = _teller(events, job)
+                    tell("starting")
+                    outcome = child.run(job, tell, timeout=timeout, retries=retries, stop=stop)
+                    events.put(Event(job, outcome=outcome))
+            finally:
+                child.close()
+
+        with _threads(attend, self._size, stop):
+            waiting = len(jobs)
+            while waiting:
+                event = events.get()
+                waiting -= event.outcome is not None
+                yield event
+
+
+def _teller(events: "SimpleQueue[Event]", job: Job) -> Callable[[str], None]:
+    return lambda stage: events.put(Event(job, stage))
+
+
+@contextmanager
+def _threads(work: Callable[[], None], count: int, stop: threading.Event) -> Iterator[None]:
+    """Do the work in several threads for the length of a `with` block, and set `stop` at its end."""
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _default_jobs() -> int:
+    """Return as many jobs as there are cores, if there is memory for each."""
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # not told
+        return _cores()
+    return max(1, min(_cores(), memory // _OF_JOB))

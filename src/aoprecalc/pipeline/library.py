@@ -1,0 +1,170 @@
+"""Where results are kept and looked for: the output folder with its records, and the cache."""
+
+import os
+import secrets
+import shutil
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from aoprecalc.errors import OutputError
+from aoprecalc.options import BatchOptions
+from aoprecalc.pipeline.assets import Asset
+from aoprecalc.pipeline.cache import Cache
+from aoprecalc.pipeline.inputs import Inputs, Stamp, order_key, result_key
+from aoprecalc.pipeline.records import Record, Records
+from aoprecalc.pipeline.watching import Result, Watcher
+from aoprecalc.pipeline.work import Failure, Job, Made, Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """An asset that has to be made.
+
+    order, key   digests of its order and of its result
+    inputs       what it is made from
+    before       how it was made the last time, where it was
+    """
+
+    asset: Asset
+    order: str
+    key: str
+    inputs: Inputs
+    before: Record | None
+
+    def weight(self) -> tuple[int, int]:
+        """Return what tells roughly how long it takes: samples of its bake, bytes of its files."""
+        bake = self.asset.order.bake
+        samples = 0 if bake is None else bake.width * bake.height * bake.directions
+        return samples, sum(stamp.size for stamp in self.inputs.files.values())
+
+
+class Library(AbstractContextManager["Library"]):
+    """The results of a batch, in its output folder and its cache; held for the length of a `with` block."""
+
+    def __init__(self, output: Path, cache: Cache | None, options: BatchOptions, watcher: Watcher) -> None:
+        """Name both folders."""
+        self._output, self._cache, self._options, self._watcher = output, cache, options, watcher
+        self._records = Records(output)
+        self._stack = ExitStack()
+        self._added = False  # to the cache
+        self._owners: dict[Path, tuple[str, str]] = {}  # an output -> its asset and what it holds
+
+    def __enter__(self) -> "Library":
+        """Keep other batches out; raises OutputError where a folder cannot be written."""
+        self._stack.enter_context(self._records.held())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let other batches in, and prune the cache if it has grown."""
+        self._stack.close()
+        if self._cache is not None and self._added:
+            self._cache.prune(most=self._options.cache_size)
+
+    def look(self, asset: Asset) -> Result | Task:
+        """Return the result of an asset that is there already, or is in the cache; else what has to be done."""
+        order, folder = order_key(asset, self._output), self._folder(asset)
+        record = self._records.get(asset.name)
+        there = record if record is not None and record.order == order and self._is_whole(record, folder) else None
+        if self._options.force:
+            there = None
+        if there is not None and there.inputs.are_now(asset.mesh):
+            return self._unchanged(asset, there)
+        inputs = Inputs.of(asset.mesh)
+        if there is not None and there.inputs.same_as(inputs):
+            self._records.put(asset.name, Record(order, inputs, there.outputs, there.summary))  # their times have changed
+            return self._unchanged(asset, there)
+        task = Task(asset, order, result_key(order, inputs), inputs, record)
+        if self._cache is not None and not self._options.force:
+            found = self._cache.get(task.key, self._records.staging)
+            if found is not None:
+                return self._placed(task, "cached", *found, seconds=0.0)
+        return task
+
+    def job(self, task: Task, threads: int) -> Job:
+        """Return the job that makes an asset, and the folder that it writes to."""
+        asset, folder = task.asset, self._folder(task.asset)
+        staging = self._records.staging / secrets.token_hex(8)
+        staging.mkdir()
+        own = () if task.before is None else tuple(folder / name for name in task.before.outputs)
+        return Job(
+            name=asset.name,
+            mesh=Path(os.path.abspath(asset.mesh)),
+            shown=str(asset.mesh),
+            folder=Path(os.path.abspath(folder)),
+            stem=asset.stem,
+            staging=Path(os.path.abspath(staging)),
+            own=own,
+            order=asset.order.with_threads(threads),
+        )
+
+    def take(self, task: Task, job: Job, outcome: Outcome, seconds: float) -> Result:
+        """Put what came of a job at its place and into the cache."""
+        try:
+            if isinstance(outcome, Failure):
+                return _failed(task.asset, outcome, seconds)
+            if not Inputs.of(task.asset.mesh).same_as(task.inputs):
+                found = f"{job.shown}: was changed while it was worked on"
+                return _failed(task.asset, Failure("error", f"{found}; run the batch again"), seconds)
+            self._keep(task, outcome)
+            return self._placed(task, "made", outcome.files, outcome.summary, seconds)
+        finally:
+            shutil.rmtree(job.staging, ignore_errors=True)
+
+    def _keep(self, task: Task, made: Made) -> None:
+        """Add a result to the cache; one that cannot be added is no loss but of time."""
+        if self._cache is None:
+            return
+        try:
+            self._added |= self._cache.put(task.key, made.files, made.summary)
+        except OutputError as error:
+            self._watcher.warn(f"{error}; the batch goes on without it")
+            self._cache = None
+
+    def _placed(
+        self, task: Task, status: Any, files: dict[str, Path], summary: dict[str, Any], seconds: float
+    ) -> Result:
+        """Move files from the staging folder to their places, and record them."""
+        asset, folder = task.asset, self._folder(task.asset)
+        stamps = {name: Stamp.of(file, certain=True) for name, file in sorted(files.items())}
+        for name, stamp in stamps.items():
+            owner, digest = self._owners.setdefault(folder / name, (asset.name, stamp.digest))
+            if digest != stamp.digest:
+                found = f"{folder / name}: would be written by {owner} and {asset.name}, with different contents"
+                return _failed(asset, Failure("error", f"{found}; give them names in folders of their own"), seconds)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, file in files.items():
+                os.replace(file, folder / name)
+            for name, stamp in (task.before.outputs if task.before else {}).items():
+                if name not in files and folder / name not in self._owners and stamp.is_now(folder / name):
+                    (folder / name).unlink()  # made by an earlier batch, and belongs to nothing now
+            self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
+        except OSError as error:
+            reason = f"{error.filename2 or error.filename}: cannot be written ({error.strerror}); choose another output"
+            return _failed(asset, Failure("error", reason), seconds)
+        return Result(asset, status, tuple(stamps), summary, seconds=seconds)
+
+    def _is_whole(self, record: Record, folder: Path) -> bool:
+        """Tell whether all outputs of a record are as they were written."""
+        return all(
+            stamp.is_now(folder / name) or Stamp.of(folder / name).digest == stamp.digest
+            for name, stamp in record.outputs.items()
+        )
+
+    def _unchanged(self, asset: Asset, record: Record) -> Result:
+        folder = self._folder(asset)
+        self._owners |= {folder / name: (asset.name, stamp.digest) for name, stamp in record.outputs.items()}
+        return Result(asset, "unchanged", tuple(record.outputs), record.summary)
+
+    def _folder(self, asset: Asset) -> Path:
+        return self._output / asset.folder
+
+
+def _failed(asset: Asset, failure: Failure, seconds: float) -> Result:
+    status = "stopped" if failure.kind == "stopped" else "failed"
+    return Result(asset, status, failure=failure, seconds=seconds)

@@ -1,0 +1,183 @@
+"""Manifests: a batch described in TOML."""
+
+import os
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from aoprecalc.errors import AoprecalcError, InputError, UsageError
+from aoprecalc.pipeline.assets import Asset, base_folder, check_distinct, find_meshes, name_assets
+from aoprecalc.pipeline.orders import Order, Table, read_order
+
+_TOP = ("inputs", "exclude", "output", "bake", "spheres", "override", "asset")
+_OVERRIDE, _ASSET = ("match", "bake", "spheres"), ("mesh", "name", "bake", "spheres")
+
+Choice = Table | bool | None  # a table; true: with the defaults; false: none of it; None: as said before
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a manifest says; see the README for its keys.
+
+    path      of the file; all others count from its folder
+    inputs    patterns of meshes
+    exclude   patterns of those to leave out
+    output    the output folder, unless another is asked for; None: not said
+    bake, spheres   the choices for all assets
+    overrides  (pattern, bake, spheres), of which later ones win
+    assets     (mesh, name or None, bake, spheres) for single ones
+    """
+
+    path: Path
+    inputs: tuple[str, ...]
+    exclude: tuple[str, ...]
+    output: Path | None
+    bake: Choice
+    spheres: Choice
+    overrides: tuple[tuple[str, Choice, Choice], ...]
+    assets: tuple[tuple[str, str | None, Choice, Choice], ...]
+
+    @property
+    def patterns(self) -> list[str]:
+        """All that stands for meshes."""
+        return [*self.inputs, *(entry[0] for entry in self.assets)]
+
+    def assets_of(self, made: Callable[[Path], bool]) -> list[Asset]:
+        """Find its meshes, but for those that a batch has made, and say what is made of each.
+
+        Raises InputError for a pattern that fits nothing, UsageError where it asks for what cannot be.
+        """
+        root = self.path.parent
+        single = {os.path.normpath(root / mesh): entry for entry in self.assets for mesh in entry[:1]}
+        found = find_meshes(self.inputs, made, root) if self.inputs else []
+        meshes = [
+            mesh for mesh in found if not self._excluded(mesh) and os.path.normpath(mesh) not in single
+        ] + find_meshes([entry[0] for entry in self.assets], made, root)
+        if not meshes:
+            raise InputError(f"{self.path}: names no meshes; give it inputs, or an [[asset]]")
+        base = base_folder(self.patterns, root)
+        names = [
+            single.get(os.path.normpath(mesh), ("", None))[1] or name
+            for mesh, name in zip(meshes, name_assets(meshes, base), strict=True)
+        ]
+        check_distinct(names, meshes)
+        return [Asset(name, mesh, self._order(mesh, single)) for name, mesh in zip(names, meshes, strict=True)]
+
+    def _excluded(self, mesh: Path) -> bool:
+        return any(self._fits(mesh, pattern) for pattern in self.exclude)
+
+    def _fits(self, mesh: Path, pattern: str) -> bool:
+        """Tell whether a mesh's way from the manifest fits a pattern, in which * stands for folders, too."""
+        return fnmatchcase(Path(os.path.relpath(mesh, self.path.parent)).as_posix(), pattern)
+
+    def _order(self, mesh: Path, single: dict[str, tuple[str, str | None, Choice, Choice]]) -> Order:
+        bake, spheres = self.bake, self.spheres
+        fitting = [entry[1:] for entry in self.overrides if self._fits(mesh, entry[0])]
+        if own := single.get(os.path.normpath(mesh)):
+            fitting.append(own[2:])
+        for over_bake, over_spheres in fitting:
+            bake, spheres = _over(bake, over_bake, self.bake), _over(spheres, over_spheres, self.spheres)
+        try:
+            return read_order(_table(bake), _table(spheres))
+        except UsageError as error:
+            raise UsageError(f"{self.path}, for {mesh}: {error}") from error
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Read a manifest; raises InputError where it is missing or no TOML, UsageError where it says what it cannot."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}), a manifest was expected; check the path") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is no TOML ({error}); correct it") from error
+    try:
+        _known(document, _TOP, "at the top")
+        for entry in _tables(document, "override"):
+            _known(entry, _OVERRIDE, "in [[override]]")
+        for entry in _tables(document, "asset"):
+            _known(entry, _ASSET, "in [[asset]]")
+        manifest = Manifest(
+            path=path,
+            inputs=_texts(document, "inputs"),
+            exclude=_texts(document, "exclude"),
+            output=path.parent / output if (output := _text(document, "output", None)) else None,
+            bake=_choice(document, "bake"),
+            spheres=_choice(document, "spheres"),
+            overrides=tuple(
+                (_text(entry, "match"), _choice(entry, "bake"), _choice(entry, "spheres"))
+                for entry in _tables(document, "override")
+            ),
+            assets=tuple(
+                (_text(entry, "mesh"), _name(entry), _choice(entry, "bake"), _choice(entry, "spheres"))
+                for entry in _tables(document, "asset")
+            ),
+        )
+        if manifest.bake is None and manifest.spheres is None and not (manifest.overrides or manifest.assets):
+            raise UsageError("says nothing about bake or spheres; give it a table [bake], [spheres] or both")
+    except AoprecalcError as error:
+        raise type(error)(f"{path}: {error}") from error
+    return manifest
+
+
+def _over(before: Choice, choice: Choice, default: Choice) -> Choice:
+    """Return a choice after another: a table adds to what was said, or to the default where that was switched off."""
+    if choice is None:
+        return before
+    if isinstance(choice, bool):
+        return choice and (before or default or True)
+    return {**(_table(before or default) or {}), **choice}
+
+
+def _table(choice: Choice) -> Table | None:
+    """Return the table that a choice stands for; None for none of it."""
+    if isinstance(choice, bool | None):
+        return {} if choice else None
+    return choice
+
+
+def _known(table: Table, known: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise UsageError(f"{key!r} {where} is not known, one of {', '.join(known)} was expected")
+
+
+def _tables(document: Table, key: str) -> list[dict[str, Any]]:
+    value = document.get(key, [])
+    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+        raise UsageError(f"{key} is no list of tables; write [[{key}]] above each")
+    return value
+
+
+def _texts(document: Table, key: str) -> tuple[str, ...]:
+    value = document.get(key, [])
+    entries = [value] if isinstance(value, str) else value
+    if not isinstance(entries, list) or not all(isinstance(entry, str) for entry in entries):
+        raise UsageError(f"{key} is {value!r}; expected a list of patterns")
+    return tuple(entries)
+
+
+def _text(table: Table, key: str, default: Any = ...) -> Any:
+    value = table.get(key, default)
+    if value is ...:
+        raise UsageError(f"{key} is missing in {dict(table)!r}")
+    if value is not default and not isinstance(value, str):
+        raise UsageError(f"{key} is {value!r}; expected a text in quotes")
+    return value
+
+
+def _name(table: Table) -> str | None:
+    name: str | None = _text(table, "name", None)
+    if name is not None and (not name.strip("/. ") or ".." in Path(name).parts or Path(name).is_absolute()):
+        raise UsageError(f"name is {name!r}; expected one below the output folder, such as props/rock")
+    return name
+
+
+def _choice(table: Table, key: str) -> Choice:
+    value: Choice = table.get(key)
+    if value is not None and not isinstance(value, bool | dict):
+        raise UsageError(f"{key} is {value!r}; expected a table of its options, true or false")
+    return value

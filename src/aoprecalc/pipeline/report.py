@@ -1,0 +1,88 @@
+"""The report of a batch, as one JSON document, and as a JUnit file."""
+
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from aoprecalc import __version__
+from aoprecalc.pipeline.orders import as_words
+from aoprecalc.pipeline.watching import Result
+
+SCHEMA = 1
+
+
+def batch_report(results: Sequence[Result], output: Path, seconds: float) -> dict[str, Any]:
+    """Return the report; every value is a plain JSON value."""
+    counts = Counter(result.status for result in results)
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "output": str(output),
+        "counts": {name: counts[name] for name in ("made", "unchanged", "cached", "failed", "stopped")},
+        "assets": [_asset(result, output) for result in results],
+        "seconds": round(seconds, 3),
+    }
+
+
+def junit(results: Sequence[Result], seconds: float) -> str:
+    """Return a JUnit file: a test case for each asset, in the suite of its folder.
+
+    What was not begun counts as skipped.
+    """
+    failed = sum(result.status == "failed" for result in results)
+    skipped = sum(result.status == "stopped" for result in results)
+    counts = {"tests": str(len(results)), "failures": str(failed), "errors": "0", "skipped": str(skipped)}
+    suite = ElementTree.Element("testsuite", name="aoprecalc batch", **counts, time=f"{seconds:.3f}")
+    for result in results:
+        place = {"classname": result.asset.folder.replace("/", ".") or "assets", "name": result.asset.stem}
+        case = ElementTree.SubElement(
+            suite, "testcase", **place, file=str(result.asset.mesh), time=f"{result.seconds:.3f}"
+        )
+        if result.failure is not None and result.status == "failed":
+            failure = ElementTree.SubElement(case, "failure", type=result.failure.kind, message=_plain(result.failure.message))
+            failure.text = _plain("\n".join(filter(None, [*commands(result), result.failure.details])))
+        elif result.status == "stopped":
+            ElementTree.SubElement(case, "skipped", message="the batch was stopped")
+        elif lines := (result.summary or {}).get("warnings"):
+            ElementTree.SubElement(case, "system-out").text = _plain("\n".join(lines))
+    suites = ElementTree.Element("testsuites", **counts, time=f"{seconds:.3f}")
+    suites.append(suite)
+    ElementTree.indent(suites)
+    return ElementTree.tostring(suites, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def commands(result: Result) -> list[str]:
+    """Return the commands that make an asset by itself, to see how it fails."""
+    order, mesh = result.asset.order, str(result.asset.mesh)
+    lines = []
+    if order.bake is not None:
+        verify = ["--verify"] if order.verify else []
+        lines.append(shlex.join(["aoprecalc", "bake", mesh, *as_words(order.bake), *verify]))
+    if order.spheres is not None:
+        lines.append(shlex.join(["aoprecalc", "spheres", mesh, *as_words(order.spheres)]))
+    return lines
+
+
+def _asset(result: Result, output: Path) -> dict[str, Any]:
+    failure = result.failure
+    error = None
+    if failure is not None:
+        error = {"kind": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
+    return {
+        "name": result.asset.name,
+        "path": str(result.asset.mesh),
+        "status": result.status,
+        "outputs": [str(output / result.asset.folder / name) for name in result.outputs],
+        "summary": result.summary,
+        "error": error,
+        "commands": commands(result),
+        "seconds": round(result.seconds, 3),
+    }
+
+
+def _plain(text: str) -> str:
+    """Return a text without what XML cannot hold."""
+    return "".join(char if char in "\t\n" or " " <= char < "\ud800" or "\ue000" <= char < "\ufffe" else "?" for char in text)

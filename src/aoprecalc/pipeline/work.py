@@ -1,0 +1,178 @@
+"""The work on one asset: what a worker does, wherever it runs."""
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from aoprecalc import recipes
+from aoprecalc.errors import AoprecalcError
+from aoprecalc.files import Outputs
+from aoprecalc.files.reports import write_report
+from aoprecalc.pipeline.orders import Order
+from aoprecalc.progress import Progress
+
+Kind = Literal["error", "crash", "timeout", "stopped"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """The work on one asset.
+
+    name      of the asset
+    mesh      its file, absolute
+    shown     the same as messages and reports call it
+    folder    where its files are to go, absolute, and their names begin with `stem`
+    staging   where they are written, of the same file system
+    own       what an earlier batch made of the asset, which may be replaced
+    order     what is made
+    """
+
+    name: str
+    mesh: Path
+    shown: str
+    folder: Path
+    stem: str
+    staging: Path
+    own: tuple[Path, ...]
+    order: Order
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of it.
+
+    files     name in the asset's folder -> where it was written
+    summary   plain JSON values: `triangles`, `seconds`, `warnings`, and of what was made `ao_mean`, `directions`,
+              `size`, `renderer`, `rmse`, `spheres`, `silhouette_iou`
+    """
+
+    files: dict[str, Path]
+    summary: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why nothing came of it.
+
+    kind       error: it was refused, or the work failed; crash: its process died; timeout; stopped: by the user
+    message    one line
+    exit_code  that the command for this asset alone would have had
+    details    a traceback, where it is a fault of aoprecalc
+    """
+
+    kind: Kind
+    message: str
+    exit_code: int = 1
+    details: str = ""
+
+
+Outcome = Made | Failure
+
+
+class Heard(Progress):
+    """Tells which stage a job is at, and keeps its warnings."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        """Call `tell` with each stage."""
+        self._tell = tell
+        self.warnings: list[str] = []
+
+    @contextmanager
+    def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[None]:
+        """Tell the stage."""
+        self._tell(name)
+        yield
+
+    def warn(self, text: str) -> None:
+        """Keep a warning."""
+        self.warnings.append(text)
+
+
+def work(job: Job, tell: Callable[[str], None]) -> Outcome:
+    """Make what is asked for in the staging folder, and tell each stage; nothing is left there if it fails."""
+    try:
+        return _make(job, Heard(tell))
+    except AoprecalcError as error:
+        return Failure("error", _shown(job, str(error)), error.exit_code)
+    except MemoryError:
+        return Failure("error", f"{job.shown}: out of memory; use a smaller size or fewer --jobs")
+    except OSError as error:
+        return Failure("error", f"{job.shown}: reading or writing failed ({_shown(job, str(error))}); check the disk")
+    except Exception as error:
+        said = _shown(job, f"{type(error).__name__}: {error}")
+        return Failure("error", f"{job.shown}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
+
+
+def _make(job: Job, heard: Heard) -> Made:
+    started = time.perf_counter()
+    order, folder, summary = job.order, job.folder, dict[str, Any]()
+    with Outputs(job.staging, job.own) as outputs:
+        if order.bake is not None:
+            baked = recipes.bake(
+                job.mesh,
+                folder / f"{job.stem}_ao{order.texture}",
+                mesh_output=folder / f"{job.stem}_ao{order.mesh}" if order.mesh else None,
+                verify=order.verify,
+                outputs=outputs,
+                options=order.bake,
+                progress=heard,
+            )
+            report = _relative(job, baked.report)
+            write_report(outputs.path(folder / f"{job.stem}_report.json"), report)
+            summary |= _of_bake(report)
+        if order.spheres is not None:
+            fitted = recipes.fit_spheres(
+                job.mesh,
+                folder / f"{job.stem}_spheres{order.set}",
+                outputs=outputs,
+                options=order.spheres,
+                progress=heard,
+            )
+            summary |= {
+                "spheres": len(fitted.spheres),
+                "silhouette_iou": round(fitted.quality["silhouette_iou"], 4),
+            }
+        home = Path(os.path.realpath(folder))
+        files = {str(place.relative_to(home)): written for place, written in outputs.release().items()}
+    lines = [_shown(job, line) for line in dict.fromkeys(heard.warnings)]
+    return Made(files, {**summary, "seconds": round(time.perf_counter() - started, 3), "warnings": lines})
+
+
+def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:
+    """Return a report that names the input as it was asked for and the outputs as they lie beside the report."""
+    outputs = report["outputs"]
+    named = {key: Path(place).name for key, place in outputs.items() if key != "others"}
+    return {
+        **report,
+        "input": {**report["input"], "path": job.shown},
+        "outputs": {**named, "others": [Path(other).name for other in outputs["others"]]},
+        "warnings": [_shown(job, line) for line in report["warnings"]],
+    }
+
+
+def _of_bake(report: dict[str, Any]) -> dict[str, Any]:
+    levels = report["verify"]["levels"] if report["verify"] else [{"rmse": None}]
+    return {
+        "triangles": report["input"]["triangles"],
+        "ao_mean": report["ao"]["mean"],
+        "directions": report["directions"],
+        "size": [report["texels"]["width"], report["texels"]["height"]],
+        "renderer": report["renderer"],
+        "unwrap": report["unwrap"]["method"],
+        "rmse": levels[0]["rmse"],
+    }
+
+
+def _shown(job: Job, text: str) -> str:
+    """Return a message with the paths that the user knows."""
+    return " ".join(text.replace(str(job.mesh), job.shown).replace(f"{job.mesh.parent}/", _folder(job.shown)).split())
+
+
+def _folder(shown: str) -> str:
+    parent = os.path.dirname(shown)
+    return f"{parent}/" if parent else ""

@@ -1,0 +1,30 @@
+"""A worker process: does one job after the other, as its parent sends them.
+
+Usage: python -m aoprecalc.pipeline.worker <file descriptor of a connection> <process of the parent>
+"""
+
+import os
+import signal
+import sys
+from multiprocessing.connection import Connection
+
+from aoprecalc.atlas.child import end_with_parent
+from aoprecalc.pipeline.work import work
+
+
+def main() -> None:
+    """Work until the parent closes the connection or dies."""
+    end_with_parent()
+    if os.getppid() != int(sys.argv[2]):  # it died before that
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
+    connection = Connection(int(sys.argv[1]))
+    try:
+        while True:
+            connection.send(work(connection.recv(), connection.send))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+
+
+if __name__ == "__main__":
+    main()
