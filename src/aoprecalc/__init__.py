@@ -15,10 +15,13 @@ __version__ = "0.1.0"
 _HOMES = {
     "bake": "recipes",
     "bake_scene": "recipes",
+    "compare": "recipes",
+    "doctor": "recipes",
     "fit_spheres": "recipes",
     "measure_spheres": "recipes",
     "verify": "recipes",
     "BakeOptions": "options",
+    "CompareOptions": "options",
     "SphereOptions": "options",
     "VerifyOptions": "options",
     "Progress": "progress",

@@ -14,6 +14,12 @@ class OutputError(AoprecalcError):
     """A result could not be written (exit code 1)."""
 
 
+class StoppedError(AoprecalcError):
+    """The user has stopped the work; what was finished stays (exit code 130)."""
+
+    exit_code = 130
+
+
 class UsageError(AoprecalcError):
     """An option has a value that cannot be used (exit code 2)."""
 

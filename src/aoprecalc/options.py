@@ -238,7 +238,7 @@ class CompareOptions:
     """How to compare two results.
 
     tolerance   the greatest difference that passes as near: of textures the root mean square; for others see the
-                README. The default is less than an eye sees and more than another version of a renderer changes
+                README. The default is less than an eye sees, and leaves room for another version of a renderer
     """
 
     tolerance: float = 0.005

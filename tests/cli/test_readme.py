@@ -7,10 +7,10 @@ import click
 import pytest
 
 from aoprecalc.cli import main
-from aoprecalc.options import BakeOptions, SphereOptions, VerifyOptions
+from aoprecalc.options import BakeOptions, CompareOptions, SphereOptions, VerifyOptions
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-DEFAULTS = {"bake": BakeOptions(), "spheres": SphereOptions(), "verify": VerifyOptions()}
+DEFAULTS = {"bake": BakeOptions(), "spheres": SphereOptions(), "verify": VerifyOptions(), "compare": CompareOptions()}
 
 
 def section(command):

@@ -9,15 +9,20 @@ from typing import Any
 import click
 
 from aoprecalc import __version__
+from aoprecalc.cli.annotations import annotate
 from aoprecalc.cli.bake import bake
+from aoprecalc.cli.batch import batch
+from aoprecalc.cli.cache import cache
+from aoprecalc.cli.compare import compare
+from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AoprecalcError
 
 EPILOG = (
-    "Exit codes: 0 done; 1 the work failed, or verify found more error than allowed; 2 wrong usage; "
-    "3 no way to render; 4 the input mesh is unusable. "
-    "A failure leaves no file behind, but for the report and heat map of a verify that answers no."
+    "Exit codes: 0 done; 1 the work failed, verify or compare found more than allowed, or a batch's mesh failed; "
+    "2 wrong usage; 3 no way to render; 4 the input mesh is unusable. "
+    "A failure leaves no file behind, but for the reports and pictures of a verify or compare that answers no."
 )
 
 
@@ -64,14 +69,20 @@ def main() -> None:
 
 
 main.add_command(bake)
+main.add_command(batch)
+main.add_command(cache)
 main.add_command(spheres)
 main.add_command(verify)
+main.add_command(compare)
+main.add_command(doctor)
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:
     if any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:]):
         traceback.print_exception(error)
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    line = " ".join(message.split())
+    click.echo(f"error: {line}", err=True)
+    annotate("error", line)
     sys.exit(code)
 
 

@@ -2,7 +2,14 @@
 
 from aoprecalc.files.atomic import Outputs
 from aoprecalc.files.images import choose_depth, read_image, write_colors, write_image
-from aoprecalc.files.meshes import check_mesh_suffix, input_files, load_scene, mesh_suffix, source_files, write_baked_mesh
+from aoprecalc.files.meshes import (
+    check_mesh_suffix,
+    input_files,
+    load_scene,
+    mesh_suffix,
+    source_files,
+    write_baked_mesh,
+)
 from aoprecalc.files.occlusion_picture import OcclusionPicture, find_occlusion
 
 __all__ = [

@@ -70,7 +70,7 @@ class Outputs(AbstractContextManager["Outputs"]):
         return _real(final) in self._own or not Path(final).exists()
 
     def release(self) -> dict[Path, Path]:
-        """Return the place of each file, with links followed, and where it is now; whoever asked moves or removes it."""
+        """Return the place of each file, with links followed, and where it is now; the caller moves or removes it."""
         pending, self._pending = self._pending, {}
         return pending
 

@@ -36,11 +36,12 @@ def paint(texels: Texels, uvs: Doubles, errors: Doubles, *, repeats: bool) -> ND
     nearest = tree.query(np.column_stack([column, row]) + 0.5, workers=-1)[1]
     picture: NDArray[np.uint8] = np.empty((texels.height, texels.width, 3), np.uint8)
     picture[:] = NO_SURFACE
-    picture.reshape(-1, 3)[texels.index] = _colors(errors)[nearest]
+    picture.reshape(-1, 3)[texels.index] = signed_colors(errors)[nearest]
     return picture
 
 
-def _colors(errors: Doubles) -> NDArray[np.uint8]:
+def signed_colors(errors: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Paint errors of any shape, (...): blue below 0, white at 0, red above; returns (..., 3) RGB."""
     share = np.clip(errors / FULL, -1, 1)
     red, blue = np.minimum(1 + share, 1), np.minimum(1 - share, 1)
-    return np.floor(np.column_stack([red, np.minimum(red, blue), blue]) * 255 + 0.5).astype(np.uint8)
+    return np.floor(np.stack([red, np.minimum(red, blue), blue], axis=-1) * 255 + 0.5).astype(np.uint8)

@@ -93,7 +93,9 @@ class Cache:
             if entry.exists():  # another writer was faster, with the same
                 return False
             reason = error.strerror or str(error)
-            raise OutputError(f"{self.folder}: the cache cannot be written ({reason}); choose another --cache") from error
+            raise OutputError(
+                f"{self.folder}: the cache cannot be written ({reason}); choose another --cache"
+            ) from error
         return True
 
     def usage(self) -> Usage:

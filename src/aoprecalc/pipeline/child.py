@@ -66,7 +66,7 @@ class Child:
         except (EOFError, OSError) as error:  # the connection ends with the process
             outcome = Failure("crash", self._why_dead(job, error))
         self._done += 1
-        if isinstance(outcome, Failure) and outcome.kind != "error" or self._done >= _MOST_JOBS:
+        if (isinstance(outcome, Failure) and outcome.kind != "error") or self._done >= _MOST_JOBS:
             self.close()
         return outcome
 
@@ -92,7 +92,7 @@ class Child:
     def _start(self) -> None:
         self.close()
         self._connection, far = Pipe()
-        self._said = TemporaryFile()
+        self._said = TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         descriptor = far.fileno()
         # What a library prints is kept apart: standard output is for results, and a table may be on standard error.
         self._process = subprocess.Popen(

@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -32,7 +32,7 @@ class Crew(Protocol):
 
     threads: int
 
-    def run(self, jobs: Sequence[Job]) -> Iterator[Event]:
+    def run(self, jobs: Sequence[Job]) -> Generator[Event]:
         """Yield events until each job has had its outcome, once; closing the iterator ends the work."""
         ...
 
@@ -62,7 +62,7 @@ class LocalCrew:
         # who has set this has decided
         self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, _cores() // self._size)
 
-    def run(self, jobs: Sequence[Job]) -> Iterator[Event]:
+    def run(self, jobs: Sequence[Job]) -> Generator[Event]:
         """See Crew."""
         events: SimpleQueue[Event] = SimpleQueue()
         stop = threading.Event()

@@ -15,7 +15,7 @@ from aoprecalc.pipeline.assets import Asset
 from aoprecalc.pipeline.cache import Cache
 from aoprecalc.pipeline.inputs import Inputs, Stamp, order_key, result_key
 from aoprecalc.pipeline.records import Record, Records
-from aoprecalc.pipeline.watching import Result, Watcher
+from aoprecalc.pipeline.watching import Result, Status, Watcher
 from aoprecalc.pipeline.work import Failure, Job, Made, Outcome
 
 
@@ -76,7 +76,9 @@ class Library(AbstractContextManager["Library"]):
             return self._unchanged(asset, there)
         inputs = Inputs.of(asset.mesh)
         if there is not None and there.inputs.same_as(inputs):
-            self._records.put(asset.name, Record(order, inputs, there.outputs, there.summary))  # their times have changed
+            self._records.put(
+                asset.name, Record(order, inputs, there.outputs, there.summary)
+            )  # their times have changed
             return self._unchanged(asset, there)
         task = Task(asset, order, result_key(order, inputs), inputs, record)
         if self._cache is not None and not self._options.force:
@@ -126,7 +128,7 @@ class Library(AbstractContextManager["Library"]):
             self._cache = None
 
     def _placed(
-        self, task: Task, status: Any, files: dict[str, Path], summary: dict[str, Any], seconds: float
+        self, task: Task, status: Status, files: dict[str, Path], summary: dict[str, Any], seconds: float
     ) -> Result:
         """Move files from the staging folder to their places, and record them."""
         asset, folder = task.asset, self._folder(task.asset)
@@ -166,5 +168,5 @@ class Library(AbstractContextManager["Library"]):
 
 
 def _failed(asset: Asset, failure: Failure, seconds: float) -> Result:
-    status = "stopped" if failure.kind == "stopped" else "failed"
+    status: Status = "stopped" if failure.kind == "stopped" else "failed"
     return Result(asset, status, failure=failure, seconds=seconds)

@@ -91,7 +91,9 @@ def read_manifest(path: Path) -> Manifest:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}), a manifest was expected; check the path") from error
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}), a manifest was expected; check the path"
+        ) from error
     except ValueError as error:
         raise InputError(f"{path}: is no TOML ({error}); correct it") from error
     try:

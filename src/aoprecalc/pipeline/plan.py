@@ -12,7 +12,9 @@ from aoprecalc.pipeline.orders import Order
 from aoprecalc.pipeline.records import Records
 
 
-def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: Order | None) -> tuple[list[Asset], Path]:
+def plan(
+    patterns: Sequence[str], output: str | os.PathLike[str] | None, order: Order | None
+) -> tuple[list[Asset], Path]:
     """Return the assets of patterns, or of a single manifest, with distinct names, and the output folder.
 
     order   what is made of each; None: a bake with its defaults, or what the manifest says
@@ -24,10 +26,12 @@ def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: 
         if len(patterns) > 1:
             raise UsageError(f"{manifests[0]} is a manifest, but other inputs were given as well; put them into it")
         if order is not None:
-            raise UsageError(f"{manifests[0]} is a manifest and says itself what is made; put --bake, --spheres into it")
+            raise UsageError(
+                f"{manifests[0]} is a manifest and says itself what is made; put --bake, --spheres into it"
+            )
         manifest = read_manifest(Path(manifests[0]))
         if output is None and manifest.output is None:
-            raise UsageError(f"{manifests[0]} names no output folder; add output = \"build\", or give -o")
+            raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
         folder = Path(output or manifest.output or "")
         patterns, root = manifest.patterns, manifest.path.parent
         return manifest.assets_of(_made(folder, base_folder(patterns, root))), folder
@@ -36,7 +40,9 @@ def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: 
     base = base_folder(patterns)
     meshes = find_meshes(patterns, _made(Path(output), base))
     order = order or Order(bake=BakeOptions())
-    return [Asset(name, mesh, order) for name, mesh in zip(name_assets(meshes, base), meshes, strict=True)], Path(output)
+    return [Asset(name, mesh, order) for name, mesh in zip(name_assets(meshes, base), meshes, strict=True)], Path(
+        output
+    )
 
 
 def _made(output: Path, base: Path) -> Callable[[Path], bool]:

@@ -34,15 +34,25 @@ def junit(results: Sequence[Result], seconds: float) -> str:
     """
     failed = sum(result.status == "failed" for result in results)
     skipped = sum(result.status == "stopped" for result in results)
-    counts = {"tests": str(len(results)), "failures": str(failed), "errors": "0", "skipped": str(skipped)}
+    counts: dict[str, Any] = {
+        "tests": str(len(results)),
+        "failures": str(failed),
+        "errors": "0",
+        "skipped": str(skipped),
+    }
     suite = ElementTree.Element("testsuite", name="aoprecalc batch", **counts, time=f"{seconds:.3f}")
     for result in results:
-        place = {"classname": result.asset.folder.replace("/", ".") or "assets", "name": result.asset.stem}
+        place: dict[str, Any] = {
+            "classname": result.asset.folder.replace("/", ".") or "assets",
+            "name": result.asset.stem,
+        }
         case = ElementTree.SubElement(
             suite, "testcase", **place, file=str(result.asset.mesh), time=f"{result.seconds:.3f}"
         )
         if result.failure is not None and result.status == "failed":
-            failure = ElementTree.SubElement(case, "failure", type=result.failure.kind, message=_plain(result.failure.message))
+            failure = ElementTree.SubElement(
+                case, "failure", type=result.failure.kind, message=_plain(result.failure.message)
+            )
             failure.text = _plain("\n".join(filter(None, [*commands(result), result.failure.details])))
         elif result.status == "stopped":
             ElementTree.SubElement(case, "skipped", message="the batch was stopped")
@@ -85,4 +95,6 @@ def _asset(result: Result, output: Path) -> dict[str, Any]:
 
 def _plain(text: str) -> str:
     """Return a text without what XML cannot hold."""
-    return "".join(char if char in "\t\n" or " " <= char < "\ud800" or "\ue000" <= char < "\ufffe" else "?" for char in text)
+    return "".join(
+        char if char in "\t\n" or " " <= char < "\ud800" or "\ue000" <= char < "\ufffe" else "?" for char in text
+    )

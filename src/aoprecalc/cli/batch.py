@@ -1,0 +1,158 @@
+"""`aoprecalc batch`."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from aoprecalc.cli.annotations import annotate
+from aoprecalc.cli.bake import bake as bake_command
+from aoprecalc.cli.options import common, memory, option
+from aoprecalc.cli.spheres import spheres as spheres_command
+from aoprecalc.errors import AoprecalcError, StoppedError, UsageError
+from aoprecalc.options import BatchOptions
+
+if TYPE_CHECKING:
+    from aoprecalc.pipeline import BatchResult
+
+_OWN = {"output", "mesh_output", "report", "measure", "as_json", "quiet", "verbose"}  # what batch sees to itself
+
+
+class _BatchCommand(click.Command):
+    """Tells where the options of other commands go."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse; an option of bake or spheres is called that."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            for name, command in (("bake", bake_command), ("spheres", spheres_command)):
+                if any(error.option_name in entry.opts for entry in command.params):
+                    found = f"{error.option_name} is an option of {name}"
+                    raise UsageError(
+                        f"{found}; write --{name} '{error.option_name} ...', all of them in one text"
+                    ) from error
+            raise
+
+
+@click.command(cls=_BatchCommand, short_help="Bake and fit many meshes, each only when it has changed.")
+@click.argument("patterns", nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
+@click.option("-o", "--output", metavar="DIR", help="The folder for the results; a manifest may name it instead.")
+@click.option("--bake", metavar="OPTIONS", help="Make textures, by these options of bake. [default: without --spheres]")
+@click.option("--spheres", metavar="OPTIONS", help="Make sphere sets, by these options of spheres.")
+@option("-j", "--jobs", of=BatchOptions, field="jobs", help="Assets at a time; 0: by the cores and the memory.")
+@click.option(
+    "--timeout", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="Give an asset up if it takes longer."
+)
+@option("--retries", of=BatchOptions, field="retries", help="Tries for an asset whose process died, beyond the first.")
+@click.option("--fail-fast/--keep-going", help="Stop at the first failure, or make the others. [default: --keep-going]")
+@click.option("--force", is_flag=True, help="Make everything again, whatever is there.")
+@click.option(
+    "--cache", metavar="DIR", help="Results to share between batches. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]"
+)
+@click.option("--no-cache", is_flag=True, help="Neither take results from a cache nor keep them in one.")
+@click.option(
+    "--cache-size", type=memory, default="10G", show_default=True, metavar="SIZE", help="Prune the cache to this size."
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster, such as tcp://host:8786.")
+@option("--ship", of=BatchOptions, field="ship", help="How files get to its workers: a folder they share, or as bytes.")
+@click.option("--split", is_flag=True, help="Divide the visibility of each bake among its workers.")
+@click.option("--report", metavar="FILE", help="Write what became of each asset as JSON.")
+@click.option("--junit", metavar="FILE", help="Write it as a JUnit file, a test case for each asset.")
+@common
+def batch(
+    patterns: tuple[str, ...],
+    output: str | None,
+    bake: str | None,
+    spheres: str | None,
+    cache: str | None,
+    no_cache: bool,
+    report: str | None,
+    junit: str | None,
+    quiet: bool,
+    verbose: bool,
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Bake textures and fit spheres of many meshes into DIR, several at a time.
+
+    PATTERN is a mesh, a folder, or a name with *, ? and ** for any folders, in quotes. MANIFEST.toml says for each mesh
+    what is made of it.
+
+    What is there already stays, unless its mesh, the options or the version of aoprecalc have changed. A mesh that
+    fails costs the others nothing; the exit code is 1 then.
+    """
+    from aoprecalc.cli.batch_table import BatchTable, summary_lines
+    from aoprecalc.files import Outputs
+    from aoprecalc.files.places import claim, output_place
+    from aoprecalc.files.reports import report_text, write_report
+    from aoprecalc.pipeline import default_cache, plan, read_order, run
+    from aoprecalc.pipeline.report import junit as junit_text
+
+    options = BatchOptions(**given)
+    if no_cache and cache is not None:
+        raise UsageError("--cache and --no-cache were given; omit one of them")
+    order = None
+    if bake is not None or spheres is not None:
+        order = read_order(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
+    assets, folder = plan(patterns, output, order)
+    places = {
+        name: output_place(path, f"batch.{kind}")
+        for name, path, kind in (("report", report, "json"), ("junit", junit, "xml"))
+        if path is not None
+    }
+    with Outputs() as outputs:
+        for name, place in places.items():
+            claim(outputs, {"report": report, "junit": junit}[name], place)
+        with BatchTable(quiet=quiet, verbose=verbose) as table:
+            result = run(assets, folder, None if no_cache else cache or default_cache(), options, table)
+        if "report" in places:
+            write_report(outputs.path(places["report"]), result.report)
+        if "junit" in places:
+            outputs.path(places["junit"]).write_text(
+                junit_text(result.results, result.report["seconds"]), encoding="utf-8"
+            )
+    click.echo(report_text(result.report) if as_json else "\n".join(summary_lines(result)), nl=not as_json)
+    for entry in result.results:
+        if entry.failure is not None and entry.status == "failed":
+            annotate("error", entry.failure.message, file=entry.asset.mesh)
+    counts = result.report["counts"]
+    if result.interrupted:
+        done = len(result.results) - counts["failed"] - counts["stopped"]
+        raise StoppedError(f"interrupted; {done} of {len(result.results)} assets are there, the same command goes on")
+    if not result.passed:
+        raise AoprecalcError(_said(result, folder))
+
+
+def _said(result: "BatchResult", folder: Path) -> str:
+    counts = result.report["counts"]
+    stopped = f", {counts['stopped']} were not begun" if counts["stopped"] else ""
+    count = len(result.results)
+    return (
+        f"{counts['failed']} of {count} assets failed{stopped}; the others are in {folder}, "
+        "correct those and run the same command again"
+    )
+
+
+def _given(command: click.Command, name: str, text: str | None) -> dict[str, Any] | None:
+    """Return the options of a command that a text gives, by their names; None for no text."""
+    if text is None:
+        return None
+    try:
+        words = shlex.split(text)
+        context = command.make_context(command.name, ["MESH", *words], help_option_names=[])
+    except ValueError as error:
+        raise UsageError(f"{name} is {text!r}; a quotation in it has no end ({error})") from error
+    except (click.UsageError, click.exceptions.Exit) as error:
+        reason = (
+            error.format_message().rstrip(".") if isinstance(error, click.UsageError) else "--help is no option here"
+        )
+        raise UsageError(f"{name} is {text!r}: {reason}; see `aoprecalc {command.name} --help`") from error
+    given = {key for key in context.params if context.get_parameter_source(key) is ParameterSource.COMMANDLINE}
+    for own in sorted(given & _OWN):
+        raise UsageError(
+            f"{name} has --{own.removeprefix('as_').replace('_', '-')}, which batch chooses; omit it there"
+        )
+    return {key: context.params[key] for key in given - {"mesh"}}

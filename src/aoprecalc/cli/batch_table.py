@@ -1,0 +1,122 @@
+"""What a person sees of a batch: a live table on a terminal, a line an asset in a log; and the summary at the end."""
+
+import sys
+import time
+from contextlib import AbstractContextManager
+from types import TracebackType
+from typing import Any
+
+import click
+
+from aoprecalc.pipeline import BatchResult, Result, Watcher
+from aoprecalc.pipeline.assets import Asset
+
+_NAME = 32  # columns of a name
+
+
+class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
+    """Shows the assets under way on a terminal; in a log, and for what ends, prints one line each. All on stderr."""
+
+    def __init__(self, *, quiet: bool, verbose: bool) -> None:
+        """Show nothing until there is something to show."""
+        self._quiet, self._verbose = quiet, verbose
+        self._total, self._counts = 0, dict[str, int]()
+        self._running: dict[str, tuple[str, float]] = {}  # name -> stage, when it began
+        self._live: Any = None
+        self._started = time.monotonic()
+
+    def __enter__(self) -> "BatchTable":
+        """Begin to draw, where there is a terminal."""
+        if sys.stderr.isatty() and not self._quiet:
+            from rich.console import Console
+            from rich.live import Live
+
+            self._live = Live(get_renderable=self._draw, console=Console(stderr=True), transient=True)
+            self._live.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take the table away."""
+        if self._live is not None:
+            self._live.__exit__(kind, error, trace)
+
+    def begin(self, total: int) -> None:
+        """Know how many there are."""
+        self._total = total
+
+    def stage(self, asset: Asset, name: str) -> None:
+        """Show the stage beside the asset."""
+        began = self._running.get(asset.name, ("", time.monotonic()))[1]
+        self._running[asset.name] = (name, began)
+
+    def end(self, result: Result) -> None:
+        """Count a result and print its line, unless nothing was to be done."""
+        self._running.pop(result.asset.name, None)
+        self._counts[result.status] = self._counts.get(result.status, 0) + 1
+        if result.status in ("made", "cached", "failed"):
+            done = sum(self._counts.values())
+            self._say(f"[{done:>{len(str(self._total))}}/{self._total}] {line(result)}")
+            if self._verbose:
+                for warning in (result.summary or {}).get("warnings", ()):
+                    self._say(f"  warning: {warning}")
+
+    def warn(self, text: str) -> None:
+        """Print a warning."""
+        self._say(f"warning: {text}")
+
+    def _say(self, text: str) -> None:
+        if self._quiet:
+            return
+        if self._live is not None:
+            self._live.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            click.echo(text, err=True)
+
+    def _draw(self) -> Any:
+        """Return the table of this moment."""
+        from rich.console import Group
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        now, done = time.monotonic(), sum(self._counts.values())
+        table = Table.grid(padding=(0, 2))
+        for name, (stage, began) in self._running.copy().items():
+            table.add_row(Text(f"  {name}", overflow="ellipsis", no_wrap=True), Text(stage), f"{now - began:6.1f} s")
+        head = Table.grid(padding=(0, 2))
+        failed = self._counts.get("failed", 0)
+        words = f"{done}/{self._total}" + (f", {failed} failed" if failed else "")
+        head.add_row(ProgressBar(self._total or 1, done, width=40), words, f"{now - self._started:.0f} s")
+        return Group(head, table)
+
+
+def line(result: Result) -> str:
+    """Return what became of one asset."""
+    name = f"{result.asset.name:<{_NAME}}"
+    if result.failure is not None:
+        return f"{result.status:<9} {result.seconds:7.1f} s  {name}  {result.failure.message}"
+    return f"{result.status:<9} {result.seconds:7.1f} s  {name}  {_described(result.summary or {})}".rstrip()
+
+
+def summary_lines(result: BatchResult) -> list[str]:
+    """Return the table at the end: a line for each asset, but for those that needed nothing, and how many there are."""
+    lines = [line(entry) for entry in result.results if entry.status in ("made", "cached", "failed")]
+    counts = result.report["counts"]
+    words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
+    total = len(result.results)
+    return [*lines, f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report['seconds']:.1f} s"]
+
+
+def _described(summary: dict[str, Any]) -> str:
+    parts = []
+    if "ao_mean" in summary:
+        parts.append(f"{summary['triangles']} triangles, mean {summary['ao_mean']:.3f}")
+    if summary.get("rmse") is not None:
+        parts.append(f"RMS error {summary['rmse']:.4f}")
+    if "spheres" in summary:
+        parts.append(f"{summary['spheres']} spheres, silhouettes {summary['silhouette_iou']:.3f} alike")
+    if warnings := len(summary.get("warnings", ())):
+        parts.append(f"{warnings} warning{'s' if warnings > 1 else ''}")
+    return ", ".join(parts)

@@ -1,0 +1,67 @@
+"""`aoprecalc cache`: what batches share."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from aoprecalc.cli.options import common, memory, written
+from aoprecalc.errors import UsageError
+from aoprecalc.quantities import read_days, say_bytes
+
+if TYPE_CHECKING:
+    from aoprecalc.pipeline.cache import Usage
+
+_folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
+
+
+@click.group(short_help="See or prune the results that batches share.")
+def cache() -> None:
+    """See or prune the folder of results that batches share."""
+
+
+@cache.command(short_help="Say where the cache is and what it holds.")
+@_folder
+@common
+def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Say where the cache is, how many results it holds, and how large it is."""
+    from aoprecalc.pipeline import Cache, default_cache
+
+    folder = Path(cache) if cache else default_cache()
+    _say(folder, "holds", Cache(folder).usage(), as_json)
+
+
+@cache.command(short_help="Remove what has not been used for long.")
+@_folder
+@click.option("--max-size", type=memory, metavar="SIZE", help="Keep this much, what was used last, such as 5G.")
+@click.option("--max-age", type=written(read_days), metavar="TIME", help="Keep what was used within it, such as 30d.")
+@click.option("--all", "everything", is_flag=True, help="Keep nothing.")
+@common
+def prune(
+    cache: str | None,
+    max_size: int | None,
+    max_age: float | None,
+    everything: bool,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Remove results: those unused for longer than --max-age, then the longest unused beyond --max-size, or all."""
+    from aoprecalc.pipeline import Cache, default_cache
+
+    if max_size is None and max_age is None and not everything:
+        raise UsageError("nothing says what to remove; give --max-size, --max-age or --all")
+    folder = Path(cache) if cache else default_cache()
+    removed = Cache(folder).prune(0 if everything else max_size, None if max_age is None else max_age * 86400)
+    _say(folder, "removed", removed, as_json)
+
+
+def _say(folder: Path, verb: str, usage: "Usage", as_json: bool) -> None:
+    if as_json:
+        from aoprecalc.files.reports import report_text
+
+        document = {"schema": 1, "folder": str(folder), verb: {"results": usage.entries, "bytes": usage.bytes}}
+        click.echo(report_text(document), nl=False)
+        return
+    results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
+    click.echo(f"{folder}  {verb} {results}, {say_bytes(usage.bytes)}")

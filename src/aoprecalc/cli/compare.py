@@ -1,0 +1,79 @@
+"""`aoprecalc compare`."""
+
+from typing import Any
+
+import click
+
+from aoprecalc.cli.console import Console
+from aoprecalc.cli.options import common, option
+from aoprecalc.errors import AoprecalcError
+from aoprecalc.options import CompareOptions
+
+_MEANINGS = {
+    "texture": "root mean square of B - A",
+    "mesh": "the greatest of position, UV, normal and texture",
+    "spheres": "the farthest pair of spheres, over the diagonal",
+    "report": "the farthest two numbers",
+}
+
+
+@click.command(short_help="Compare two textures, meshes, sphere sets or reports.")
+@click.argument("a")
+@click.argument("b")
+@option("--tolerance", of=CompareOptions, field="tolerance", help="Greatest difference that passes; beyond it, exit 1.")
+@click.option("--picture", metavar="FILE", help="Paint A, B, B - A, and what an eye sees of it, side by side.")
+@click.option("--report", metavar="FILE", help="Write what was found as JSON.")
+@common
+def compare(a: str, b: str, **given: Any) -> None:
+    """Say whether B, made anew, is still the A that was kept: equal, near, or different.
+
+    Both are textures, meshes with their textures, sphere sets (.json .csv .npz), or reports (.json).
+    """
+    from aoprecalc import recipes
+    from aoprecalc.files.reports import report_text
+
+    console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
+    places = {name: given.pop(name) for name in ("picture", "report")}
+    as_json = given.pop("as_json")
+    options = CompareOptions(**given)
+    result = recipes.compare(a, b, **places, options=options, progress=console)
+    click.echo(report_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
+    if not result.passed:
+        raise AoprecalcError(
+            f"{b}: differs from {a}: {_found(result.report)}; find out why, or keep it in place of {a} if it is right"
+        )
+
+
+def _found(report: dict[str, Any]) -> str:
+    if report["difference"] is None:
+        return str(report["reason"])
+    return f"{report['difference']:.5g} was found, at most {report['tolerance']:g} was allowed"
+
+
+def _table(report: dict[str, Any]) -> list[str]:
+    """Lay out the answer, the difference, and what else was measured, in a few lines."""
+    details = report["details"]
+    lines = [f"{report['answer']}: {report['a']} and {report['b']}"]
+    if report["difference"] is None:
+        lines.append(str(report["reason"]))
+    else:
+        meaning = _MEANINGS[report["kind"]]
+        lines.append(f"difference {report['difference']:.6f} ({meaning}), at most {report['tolerance']:g} is allowed")
+    if "triangles" in details:
+        parts = [(name, details[name]) for name in ("position", "uv", "normal")]
+        found = ", ".join(f"{name} {value:.6f}" for name, value in parts if value is not None)
+        lines.append(f"{details['triangles']} triangles: {found}")
+    pixels = details if report["kind"] == "texture" else details.get("texture")
+    if pixels:
+        lines.append(
+            f"{pixels['width']} x {pixels['height']} pixels: root mean square {pixels['rms']:.6f}, "
+            f"mean {pixels['bias']:+.6f}, greatest {pixels['max']:.4f}, "
+            f"{pixels['share']:.2%} beyond 2/255, FLIP {pixels['flip']:.4f}"
+        )
+    if "center" in details:
+        count = ", ".join(map(str, details["spheres"]))
+        lines.append(f"{count} spheres: centre {details['center']:.6f}, radius {details['radius']:.6f}")
+    if "places" in details:
+        lines.append(f"{details['numbers']} numbers, {details['differing']} places differ")
+        lines += [f"  {place['at']}: {place['a']!r} became {place['b']!r}" for place in details["places"]]
+    return lines
