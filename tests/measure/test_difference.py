@@ -193,7 +193,7 @@ def test_repeated_spheres_are_counted():
 
 
 def test_too_many_pairs_are_compared_in_their_order_and_it_is_said(monkeypatch):
-    monkeypatch.setattr(spheres_module, "_PAIRS", 100)
+    monkeypatch.setattr(spheres_module, "_FEW", 10)
     centers, radii = np.zeros((50, 3)), np.ones(50)
     other = centers.copy()
     other[0, 0] = 1.0

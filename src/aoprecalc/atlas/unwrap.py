@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.atlas.child import Look, ask
+from aoprecalc.children import Look, ask
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import face_directions

@@ -13,8 +13,8 @@ import numpy as np
 import uvunwrap
 from numpy.typing import NDArray
 
-from aoprecalc.atlas.child import FIRST_STEP, POLL, end_with_parent, say_step
 from aoprecalc.atlas.gutter import LEAST, chart_size, choose_gutter
+from aoprecalc.children import FIRST_STEP, POLL, end_with_parent, say_step
 from aoprecalc.model import Doubles, Floats, Ints, Mask
 
 _MANY_CHARTS = 1500  # above this the fast packing: the better one takes longer than the bake

@@ -16,8 +16,8 @@ import numpy as np
 import xatlas
 from numpy.typing import NDArray
 
-from aoprecalc.atlas.child import end_with_parent, say_step
 from aoprecalc.atlas.gutter import chart_size, choose_gutter, fitting_scale
+from aoprecalc.children import end_with_parent, say_step
 from aoprecalc.model import Doubles, Floats, Ints, Mask
 
 _PACKINGS = 12  # tries at the greatest scale that fits one page

@@ -109,14 +109,11 @@ def run(
 def _made(tasks: Sequence[Task], library: Library, crew: Crew, watcher: Watcher) -> Iterable[Result]:
     """Have the crew do the tasks; yield the result of each when its files are at their places."""
     of_job = {task.asset.name: task for task in tasks}
-    begun: dict[str, float] = {}
     jobs = [library.job(task, crew.threads) for task in tasks]
     with closing(crew.run(jobs)) as events:
         for event in events:
             task = of_job[event.job.name]
             if event.outcome is None:
-                begun.setdefault(event.job.name, time.perf_counter())
                 watcher.stage(task.asset, event.stage)
-                continue
-            seconds = time.perf_counter() - begun.get(event.job.name, time.perf_counter())
-            yield library.take(task, event.job, event.outcome, seconds)
+            else:
+                yield library.take(task, event.job, event.outcome)

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing import Pipe
 from tempfile import TemporaryFile
 
@@ -25,6 +26,7 @@ class Child:
         """Start nothing yet."""
         self._process: subprocess.Popen[bytes] | None = None
         self._done = 0
+        self._busy = threading.Lock()
 
     def run(
         self,
@@ -42,12 +44,14 @@ class Child:
         retries   how often a job whose process died is tried again
         stop      kills the process when it is set
         """
-        for attempt in range(retries + 1):
-            outcome = self._once(job, tell, timeout, stop or threading.Event())
-            if not isinstance(outcome, Failure) or outcome.kind != "crash":
-                break
-            tell(f"again, as its process died ({attempt + 1})")
-        return outcome
+        started = time.monotonic()
+        with self._busy:
+            for attempt in range(retries + 1):
+                outcome = self._once(job, tell, timeout, stop or threading.Event())
+                if not isinstance(outcome, Failure) or outcome.kind != "crash":
+                    break
+                tell(f"again, as its process died ({attempt + 1})")
+        return replace(outcome, seconds=time.monotonic() - started)
 
     def close(self) -> None:
         """End the process and all that it has started."""
@@ -59,6 +63,14 @@ class Child:
         self._connection.close()
         self._said.close()
         self._process = None
+
+    def close_if_idle(self) -> None:
+        """End the process unless another thread has it do a job."""
+        if self._busy.acquire(blocking=False):
+            try:
+                self.close()
+            finally:
+                self._busy.release()
 
     def _once(self, job: Job, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Outcome:
         try:

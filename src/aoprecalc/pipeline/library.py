@@ -104,16 +104,16 @@ class Library(AbstractContextManager["Library"]):
             order=asset.order.with_threads(threads),
         )
 
-    def take(self, task: Task, job: Job, outcome: Outcome, seconds: float) -> Result:
+    def take(self, task: Task, job: Job, outcome: Outcome) -> Result:
         """Put what came of a job at its place and into the cache."""
         try:
             if isinstance(outcome, Failure):
-                return _failed(task.asset, outcome, seconds)
+                return _failed(task.asset, outcome)
             if not Inputs.of(task.asset.mesh).same_as(task.inputs):
                 found = f"{job.shown}: was changed while it was worked on"
-                return _failed(task.asset, Failure("error", f"{found}; run the batch again"), seconds)
+                return _failed(task.asset, Failure("error", f"{found}; run the batch again", seconds=outcome.seconds))
             self._keep(task, outcome)
-            return self._placed(task, "made", outcome.files, outcome.summary, seconds)
+            return self._placed(task, "made", outcome.files, outcome.summary, outcome.seconds)
         finally:
             shutil.rmtree(job.staging, ignore_errors=True)
 
@@ -137,7 +137,7 @@ class Library(AbstractContextManager["Library"]):
             owner, digest = self._owners.setdefault(folder / name, (asset.name, stamp.digest))
             if digest != stamp.digest:
                 found = f"{folder / name}: would be written by {owner} and {asset.name}, with different contents"
-                return _failed(asset, Failure("error", f"{found}; give them names in folders of their own"), seconds)
+                return _failed(asset, Failure("error", f"{found}; give them names in folders of their own"))
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for name, file in files.items():
@@ -148,7 +148,7 @@ class Library(AbstractContextManager["Library"]):
             self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
         except OSError as error:
             reason = f"{error.filename2 or error.filename}: cannot be written ({error.strerror}); choose another output"
-            return _failed(asset, Failure("error", reason), seconds)
+            return _failed(asset, Failure("error", reason))
         return Result(asset, status, tuple(stamps), summary, seconds=seconds)
 
     def _is_whole(self, record: Record, folder: Path) -> bool:
@@ -167,6 +167,6 @@ class Library(AbstractContextManager["Library"]):
         return self._output / asset.folder
 
 
-def _failed(asset: Asset, failure: Failure, seconds: float) -> Result:
+def _failed(asset: Asset, failure: Failure) -> Result:
     status: Status = "stopped" if failure.kind == "stopped" else "failed"
-    return Result(asset, status, failure=failure, seconds=seconds)
+    return Result(asset, status, failure=failure, seconds=failure.seconds)

@@ -91,25 +91,25 @@ def as_words(options: BakeOptions | SphereOptions) -> list[str]:
     return words
 
 
-def _options(kind: type[Options], table: dict[str, Any], *others: str) -> Options:
-    """Return the options of a table whose keys are fields; `others`: what else may be in such a table."""
-    hints = get_type_hints(kind)
-    names = [field.name for field in fields(kind)]
-    values = {}
-    for key, value in table.items():
-        if key not in names:
-            known = sorted({*others, *names} - {"width", "height"} if "size" in others else {*others, *names})
-            raise UsageError(f"{key!r} is no option, one of {', '.join(known)} was expected".replace("_", "-"))
-        read = _READ.get(key)
-        values[key] = read(value) if read and isinstance(value, str) else _typed(key, value, hints[key])
-    return kind(**values)
-
-
+# Options that people may also write as a text.
 _READ: dict[str, Callable[[str], Any]] = {
     "memory_limit": read_bytes,
     "shadow_size": read_shadow_size,
     "levels": read_levels,
 }
+
+
+def _options(kind: type[Options], table: dict[str, Any], *others: str) -> Options:
+    """Return the options of a table whose keys are fields; `others`: what else may be in such a table."""
+    hints: dict[str, Any] = get_type_hints(kind)
+    values = {}
+    for key, value in table.items():
+        if key not in hints:
+            known = sorted({*others, *hints} - {"width", "height"})
+            raise UsageError(f"{key!r} is no option, one of {', '.join(known)} was expected".replace("_", "-"))
+        read = _READ.get(key)
+        values[key] = read(value) if read and isinstance(value, str) else _typed(key, value, hints[key])
+    return kind(**values)
 
 
 def _plain_keys(table: Table) -> dict[str, Any]:

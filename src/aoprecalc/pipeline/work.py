@@ -1,7 +1,6 @@
 """The work on one asset: what a worker does, wherever it runs."""
 
 import os
-import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -47,12 +46,14 @@ class Made:
     """What came of it.
 
     files     name in the asset's folder -> where it was written
-    summary   plain JSON values: `triangles`, `seconds`, `warnings`, and of what was made `ao_mean`, `directions`,
+    summary   plain JSON values: `triangles`, `warnings`, and of what was made `ao_mean`, `directions`,
               `size`, `renderer`, `rmse`, `spheres`, `silhouette_iou`
+    seconds   that it took, tries that died included
     """
 
     files: dict[str, Path]
     summary: dict[str, Any]
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,14 @@ class Failure:
     message    one line
     exit_code  that the command for this asset alone would have had
     details    a traceback, where it is a fault of aoprecalc
+    seconds    that it took
     """
 
     kind: Kind
     message: str
     exit_code: int = 1
     details: str = ""
+    seconds: float = 0.0
 
 
 Outcome = Made | Failure
@@ -109,7 +112,6 @@ def work(job: Job, tell: Callable[[str], None]) -> Outcome:
 
 
 def _make(job: Job, heard: Heard) -> Made:
-    started = time.perf_counter()
     order, folder, summary = job.order, job.folder, dict[str, Any]()
     with Outputs(job.staging, job.own) as outputs:
         if order.bake is not None:
@@ -140,7 +142,7 @@ def _make(job: Job, heard: Heard) -> Made:
         home = Path(os.path.realpath(folder))
         files = {str(place.relative_to(home)): written for place, written in outputs.release().items()}
     lines = [_shown(job, line) for line in dict.fromkeys(heard.warnings)]
-    return Made(files, {**summary, "seconds": round(time.perf_counter() - started, 3), "warnings": lines})
+    return Made(files, {**summary, "warnings": lines})
 
 
 def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import signal
 import sys
 from multiprocessing.connection import Connection
 
-from aoprecalc.atlas.child import end_with_parent
+from aoprecalc.children import end_with_parent
 from aoprecalc.pipeline.work import work
 
 

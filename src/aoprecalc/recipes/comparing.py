@@ -90,6 +90,7 @@ def compare(
             claim(outputs, wanted[name][0], place)
         with progress.stage("compare"):
             difference = measure(first.value, second.value)
+            answer = difference.answer(options.tolerance)
         if "picture" in places:
             if difference.pair is None:
                 raise UsageError(f"{a}, {b}: have no textures to be compared, so --picture shows nothing; omit it")
@@ -102,7 +103,7 @@ def compare(
             "kind": kind,
             "a": str(a),
             "b": str(b),
-            "answer": difference.answer(options.tolerance),
+            "answer": answer,
             "difference": difference.value,
             "tolerance": options.tolerance,
             "reason": difference.reason,
@@ -113,7 +114,7 @@ def compare(
             write_report(outputs.path(places["report"]), document)
     for line in warnings:
         progress.warn(line)
-    return CompareResult(difference.answer(options.tolerance), difference, document)
+    return CompareResult(answer, difference, document)
 
 
 def _common_kind(a: Path, b: Path) -> Kind:

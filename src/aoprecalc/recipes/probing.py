@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from aoprecalc.atlas.child import ask
+from aoprecalc.children import ask
 from aoprecalc.gl.context import CANDIDATES, Candidate
 
 PATIENCE = 20.0  # seconds that a probe may take; it needs a tenth of one

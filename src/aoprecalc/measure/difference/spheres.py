@@ -8,11 +8,12 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from scipy.spatial import cKDTree
 
 from aoprecalc.measure.difference.difference import Difference, diagonal, figure, shrunk, unlike
-from aoprecalc.model import Doubles, Ints
+from aoprecalc.model import Doubles, Ints, Mask
 
 Spheres = tuple[Doubles, Doubles]
 
-_PAIRS = 4_000_000  # of spheres that may belong together are looked at, at most: some 300 MB
+_FEW = 2000  # spheres of which all pairs may be looked at
+_PARTNERS = 16  # of each of more spheres may be looked at, on average: time and memory stay small
 _FIRST_STEP = 1 / 1024  # of how far apart spheres are in their files' order
 _ROUNDING = 1 + 1e-12  # of distances that trees compare as squares
 
@@ -56,14 +57,16 @@ def _level(first: Spheres, second: Spheres) -> tuple[float, float, float, bool]:
 def _pairs(first: Doubles, second: Doubles) -> tuple[Ints, bool]:
     """Give each of the first spheres, (n, 4), its own of the second so that the greatest distance is least.
 
-    Returns (n,) numbers, and whether they had to be the files' order.
+    Returns (n,) numbers, and whether they had to be the files' order: many spheres, far from all others, have too many
+    possible partners.
     """
     count = len(first)
+    limit = count**2 if count <= _FEW else _PARTNERS * count
     order = np.arange(count, dtype=np.int32)
     most = float(_distances(first, second).max())
     trees = cKDTree(first), cKDTree(second)
     for reach in _reaches(*trees, most):
-        if trees[0].count_neighbors(trees[1], reach) > _PAIRS:
+        if trees[0].count_neighbors(trees[1], reach) > limit:
             return order, True
         near = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
         # as a crow flies in four dimensions, so no pair is missing: the distance meant here is never shorter
@@ -98,7 +101,7 @@ def _least(one: Ints, other: Ints, distances: Doubles, found: Ints, reach: float
     return found
 
 
-def _matching(one: Ints, other: Ints, allowed: np.ndarray, count: int) -> Ints | None:
+def _matching(one: Ints, other: Ints, allowed: Mask, count: int) -> Ints | None:
     """Return a partner for each of `count` spheres, each its own, among the allowed pairs; None where there is none."""
     pairs = csr_array((allowed[allowed], (one[allowed], other[allowed])), shape=(count, count))
     found: Ints = maximum_bipartite_matching(pairs, perm_type="column")

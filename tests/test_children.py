@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aoprecalc.atlas.child import ask
+from aoprecalc.children import ask
 from shapes import torus
 
 PATIENCE = 20  # seconds until a test gives up on what takes a tenth of a second
