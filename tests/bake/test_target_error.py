@@ -7,16 +7,14 @@ import pytest
 
 from aoprecalc.atlas.unwrap import unwrap
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.occlusion.axes import axes
+from aoprecalc.occlusion.backend import MapBackend
 from aoprecalc.occlusion.gathering import gather
-from aoprecalc.occlusion.map_observer import MapObserver
+from aoprecalc.occlusion.sight import OwnSight
+from aoprecalc.occlusion.site import Site, Subject
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.recipes import bake_scene
 from aoprecalc.surface.normals import shading_normals
-from aoprecalc.surface.unit import UnitSurface
-from aoprecalc.texspace.layout import lay_out
-from aoprecalc.texspace.scanline import ScanlineRaster
 from shapes import bowl, box, cap, clutter, join, scene, torus
 
 SIZE = 80
@@ -45,26 +43,28 @@ SHAPES = {
 
 
 @cache
-def texels_of(shape):
-    """What a gather of the shape needs before its axes, and what very many directions find."""
+def atlas_of(shape):
+    """The shape and how a texture lies on it."""
     made = scene(*SHAPES[shape]())
     atlas = unwrap(made, "xatlas", SIZE, 2)
-    sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
-    texels = sampler.coverage()
-    return made, atlas, sampler, texels
+    return made, atlas
 
 
-def gathered(renderer, shape, directions, **options):
-    made, atlas, sampler, texels = texels_of(shape)
-    observer = MapObserver(renderer, UnitSurface.of(made, shading_normals(made)), len(texels), 128)
-    given = BakeOptions(SIZE, SIZE, **options)
-    return gather(observer, sampler, made, atlas, texels, axes(directions), len(texels), given, Progress())
+def gathered(shape, directions, **options):
+    made, atlas = atlas_of(shape)
+    given = BakeOptions(SIZE, SIZE, directions=directions, **options)
+    with open_renderer() as renderer:
+        backend = MapBackend(renderer)
+        site = Site(backend, Subject(made, atlas, shading_normals(made), given))
+        (side,) = site.sides
+        found = gather(site, side, OwnSight(site, side, 128, len(side.texels), Progress()), len(side.texels))
+        backend.check()
+    return found
 
 
 @cache
 def truth(shape):
-    with open_renderer() as renderer:
-        return gathered(renderer, shape, 16_384)
+    return gathered(shape, 16_384)
 
 
 def over(found, shape):
@@ -78,20 +78,20 @@ TOO_HIGH = {"clutter-seed-1": [512], "pile-seed-7": [512]}
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_estimate_is_honest_within_a_factor_of_one_and_a_half(renderer, shape):
-    ratios = {directions: over(gathered(renderer, shape, directions), shape) for directions in (256, 512, 1000, 2000)}
+def test_the_estimate_is_honest_within_a_factor_of_one_and_a_half(shape):
+    ratios = {directions: over(gathered(shape, directions), shape) for directions in (256, 512, 1000, 2000)}
     beyond = [directions for directions, ratio in ratios.items() if not 1 / 1.5 < ratio < 1.5]
     assert beyond == TOO_HIGH.get(shape, [])
     assert max(ratios.values()) < 1.75
 
 
-def test_a_target_stops_the_gather_early_with_what_is_known_by_then(renderer):
-    found = gathered(renderer, "torus", 2000, target_error=0.006)
+def test_a_target_stops_the_gather_early_with_what_is_known_by_then():
+    found = gathered("torus", 2000, target_error=0.006)
     assert found.directions < 1000
     assert found.directions % 128 == 0
     assert found.error <= 0.006
     assert 0.003 < found.error / over(found, "torus") < 0.009
-    missed = gathered(renderer, "torus", 512, target_error=1e-4)
+    missed = gathered("torus", 512, target_error=1e-4)
     assert missed.directions == 512
     assert missed.error > 1e-4
 

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.model import Atlas, Doubles, Floats, Mask, Scene, Texels
-from aoprecalc.occlusion.axes import groups, texel_offset
+from aoprecalc.model import Floats, Mask, Texels
+from aoprecalc.occlusion.axes import texel_offset
 from aoprecalc.occlusion.estimate import estimate, sampling_error
-from aoprecalc.occlusion.observer import Observer
 from aoprecalc.occlusion.portion import PART, runs
-from aoprecalc.occlusion.turns import Turns
-from aoprecalc.options import BakeOptions
-from aoprecalc.progress import Progress
+from aoprecalc.occlusion.sight import Sight
+from aoprecalc.occlusion.site import Side, Site
 from aoprecalc.texspace.places import places, surface_of_texel
 from aoprecalc.texspace.reconstruct import Reconstruction
-from aoprecalc.texspace.samples import Samples, TexelSampler, only
+from aoprecalc.texspace.samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,52 +35,33 @@ class Gathered:
     error: float | None
 
 
-def gather(
-    observer: Observer,
-    sampler: TexelSampler,
-    scene: Scene,
-    atlas: Atlas,
-    texels: Texels,
-    axes: Doubles,
-    most: int,
-    options: BakeOptions,
-    progress: Progress,
-    faces: Mask | None = None,
-) -> Gathered:
-    """Gather along (a, 3) axes, or fewer where `options.target_error` is reached before.
-
-    faces   (f,) bool: only samples on these count; None: all
+def gather(site: Site, side: Side, sight: Sight, most: int) -> Gathered:
+    """Gather what a side's texels see along all axes, or fewer where the bake's `target_error` is reached before.
 
     Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
     difference tells the error. At most `most` texels are looked at at a time.
     """
+    scene, atlas, options, texels = site.subject.scene, site.subject.atlas, site.subject.options, side.texels
     reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
     stands_for = surface_of_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
-    turns = Turns.of(scene)
-
-    def look(some_texels: Texels, number: int, some_axes: Doubles) -> Floats:
-        spot, count = texel_offset(number), 2 * len(some_axes)
-        samples = sampler.samples(some_texels, spot)
-        if faces is not None:
-            samples = only(samples, faces)
-        sums = turns.look(observer, samples, some_axes, number, progress)
-        for start in range(0, len(sums), PART):
-            part = slice(start, start + PART)
-            some = Samples(samples.faces[part], samples.weights[part])
-            values, measured = estimate(sums[part], count, options.estimator)
-            counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
-            weights = np.where(measured, counts_for * stands_for[some.faces], 0.0)
-            reconstruction.add(places(atlas, texels, some), 1.0 - values, weights, spot)
-        return sums
-
     used = [0, 0]  # directions of each half
     error = None
-    for number, group in enumerate(groups(len(axes))):
+    for number, group in enumerate(site.groups):
+        count = 2 * (group.stop - group.start)
         for held in runs(len(texels), most):
-            halves[number % 2, held] += look(texels.some(held), number, axes[group])
-        used[number % 2] += 2 * (group.stop - group.start)
-        if number % 2 or group.stop == len(axes):
+            samples = site.samples(side, held, number)
+            sums = sight.sums(samples, held, number)
+            halves[number % 2, held] += sums
+            for start in range(0, len(sums), PART):
+                part = slice(start, start + PART)
+                some = Samples(samples.faces[part], samples.weights[part])
+                values, measured = estimate(sums[part], count, options.estimator)
+                counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
+                weights = np.where(measured, counts_for * stands_for[some.faces], 0.0)
+                reconstruction.add(places(atlas, texels, some), 1.0 - values, weights, texel_offset(number))
+        used[number % 2] += count
+        if number % 2 or group is site.groups[-1]:
             error = sampling_error(halves, used, options.estimator, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break

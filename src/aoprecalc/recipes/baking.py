@@ -25,12 +25,13 @@ from aoprecalc.files import (
 from aoprecalc.files.places import claim, output_place
 from aoprecalc.files.reports import write_report
 from aoprecalc.measure.errors import Verified
-from aoprecalc.model import Atlas, Baked, Floats, Mask, Scene, Texels
-from aoprecalc.occlusion.axes import axes
+from aoprecalc.model import Atlas, Baked, Floats, Scene
 from aoprecalc.occlusion.backend import open_backend
 from aoprecalc.occlusion.gathering import Gathered, gather
 from aoprecalc.occlusion.portion import portion, runs
 from aoprecalc.occlusion.shadow_size import auto_shadow_size
+from aoprecalc.occlusion.sight import OpenSight, OwnSight
+from aoprecalc.occlusion.site import Side, Site, Subject
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.rays import occluders
@@ -40,10 +41,7 @@ from aoprecalc.recipes.verifying import about_sharing, verify_scene
 from aoprecalc.recipes.warnings import bake_warnings
 from aoprecalc.surface.normals import shading_normals
 from aoprecalc.surface.roles import assign_roles
-from aoprecalc.surface.unit import UnitSurface
 from aoprecalc.texspace.finish import finish, lighter, paint
-from aoprecalc.texspace.layout import lay_out
-from aoprecalc.texspace.samples import CENTER
 
 _DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
 
@@ -66,6 +64,7 @@ def bake(
     report: str | PathLike[str] | None = None,
     verify: bool = False,
     outputs: Outputs | None = None,
+    open_sight: OpenSight = OwnSight,
     options: BakeOptions | None = None,
     progress: Progress | None = None,
 ) -> BakeResult:
@@ -76,6 +75,7 @@ def bake(
     report        a JSON file for the report
     verify        measure the texture that was written against ray tracing, for the report
     outputs       receives the files, which the caller then moves to their places; None: they appear at the end
+    open_sight    what makes that which sees; by default it looks by itself
     Either all files appear, or none and InputError, UsageError, RendererError or OutputError is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()
@@ -98,7 +98,7 @@ def bake(
         report_path = None if report is None else output_place(report, f"{mesh.stem}_report.json")
         if report_path is not None:
             claim(outputs, report, report_path)
-        baked = bake_scene(scene, options, progress, watch)
+        baked = bake_scene(scene, options, progress, watch, open_sight)
         suffix, reason = mesh_suffix(baked.scene, baked.atlas)
         mesh_path = output_place(mesh_output, folder / f"{mesh.stem}_ao{suffix}")
         check_mesh_suffix(mesh_path, options.pack)
@@ -122,10 +122,15 @@ def bake(
 
 
 def bake_scene(
-    scene: Scene, options: BakeOptions, progress: Progress | None = None, watch: Stopwatch | None = None
+    scene: Scene,
+    options: BakeOptions,
+    progress: Progress | None = None,
+    watch: Stopwatch | None = None,
+    open_sight: OpenSight = OwnSight,
 ) -> Baked:
     """Bake a scene in memory; nothing is written.
 
+    open_sight   what makes that which sees; by default it looks by itself
     Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
     beyond the renderer or too small for the charts, where an unwrapper is asked for that is not installed and where no
     texel faces any direction, RendererError where there is no renderer.
@@ -134,19 +139,17 @@ def bake_scene(
     watch = watch or Stopwatch(progress)
     scene = assign_roles(scene, options, share=options.instances == "share")
     normals = shading_normals(scene, options.normals, options.crease_angle)
-    surface = UnitSurface.of(scene, normals)
-    directions = axes(options.directions, options.sampling, options.seed)
     with open_backend(options, progress) as backend:
         backend.admit(options)
         with watch.stage("unwrap"):
             atlas = choose_atlas(backend.sampler, scene, options, progress)
         progress.note(_describe(atlas, options.padding))
-        sampler = backend.sampler(lay_out(scene, atlas, options.width, options.height))
-        texels = sampler.coverage()
+        site = Site(backend, Subject(scene, atlas, normals, options))
+        texels = site.texels
         size = f"{options.width} x {options.height}"
         if not len(texels):
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
-        overlap = sampler.overlap()
+        overlap = site.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
         most = portion(
             options.memory_limit,
@@ -154,27 +157,16 @@ def bake_scene(
             options.width * options.height,
             len(texels),
             maps=8 * shadow_size**2,
-            triangles=len(surface.occluders),
+            triangles=len(site.sides[0].surface.occluders),
         )
-
-        backs = scene.two_sided & scene.receives
-        sides: list[tuple[UnitSurface, Texels, Mask | None]] = [(surface, texels, None)]
-        if backs.any():
-            face = sampler.samples(texels, CENTER).faces
-            sides.append((surface.turned(), texels.some((face < 0) | backs[face]), backs))
-
-        def look_from(side: UnitSurface, some: Texels, faces: Mask | None) -> Gathered:
-            observer = backend.observer(side, most, shadow_size)  # is gone before the next side's is made
-            return gather(observer, sampler, scene, atlas, some, directions, most, options, progress, faces)
-
-        looks = sum(len(runs(len(some), most)) for _, some, _ in sides)
-        unit = "directions" if looks == len(sides) else f"directions, {looks} times to save memory"
-        with watch.stage("visibility", looks * 2 * len(directions), unit):
-            seen = [look_from(*side) for side in sides]
+        looks = sum(len(runs(len(side.texels), most)) for side in site.sides)
+        unit = "directions" if looks == len(site.sides) else f"directions, {looks} times to save memory"
+        with watch.stage("visibility", looks * 2 * len(site.axes), unit):
+            seen = [_gathered(site, side, open_sight, shadow_size, most, progress) for side in site.sides]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
-            f"{len(texels)} texels are covered but face none of {2 * len(directions)} directions; use more --directions"
+            f"{len(texels)} texels are covered but face none of {2 * len(site.axes)} directions; use more --directions"
         )
     with watch.stage("finish"):
         paintings = [paint(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
@@ -192,6 +184,13 @@ def bake_scene(
         shadow_size=shadow_size if backend.kind == "gl" else None,
     )
     return replace(baked, warnings=bake_warnings(baked, options, overlap))
+
+
+def _gathered(
+    site: Site, side: Side, open_sight: OpenSight, shadow_size: int, most: int, progress: Progress
+) -> Gathered:
+    sight = open_sight(site, side, shadow_size, most, progress)  # is gone before the next side's is made
+    return gather(site, side, sight, most)
 
 
 def _unseen(sides: list[Gathered], size: int) -> float:
