@@ -35,33 +35,34 @@ class Asset:
         return self.name.rpartition("/")[2]
 
 
-def is_pattern(text: str) -> bool:
-    """Tell whether a text has a wildcard, which no file has that is called so."""
-    return glob.has_magic(text) and not Path(text).exists()
+def is_pattern(text: str, root: str | Path = "") -> bool:
+    """Tell whether a text has a wildcard, and is not the name of a file or folder, counted from `root`."""
+    return glob.has_magic(text) and not os.path.exists(os.path.join(root, text))
 
 
 def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str | Path = "") -> list[Path]:
-    """Return the mesh files that patterns stand for, sorted, each once, but for those that a batch has `made`.
+    """Return the mesh files that patterns stand for, each once, but for those that a batch has `made`.
 
     A pattern is a file's name, perhaps with *, ? and ** (any folders), or a folder, which stands for all in it.
-    What has wildcards or is a folder takes files of known kinds only.
+    What has wildcards or is a folder takes files of known kinds only, sorted.
     root   the folder from which the patterns count; empty: the present one
     Raises InputError for a pattern that fits no mesh.
     """
-    found: dict[Path, None] = {}
+    found: dict[str, Path] = {}
     for pattern in patterns:
         path = os.path.join(root, pattern)
         if os.path.isdir(path):
-            path = os.path.join(glob.escape(path), "**")
-        if is_pattern(path):
-            fitting = [mesh for mesh in _meshes(glob.iglob(path, recursive=True)) if not made(mesh)]
+            fitting = _meshes(os.path.join(glob.escape(path), "**"), made)
+        elif is_pattern(pattern, root):
+            fitting = _meshes(os.path.join(glob.escape(os.fspath(root)), pattern), made)
         else:
             fitting = [Path(path)] if os.path.exists(path) or _is_mesh(path) else []  # a missing mesh fails by itself
         if not fitting:
             kinds = ", ".join(f".{kind}" for kind in READERS)
             raise InputError(f"{path}: fits no mesh, one of {kinds} was expected; check the pattern")
-        found |= dict.fromkeys(fitting)
-    return list(found)
+        for mesh in fitting:
+            found.setdefault(os.path.abspath(mesh), mesh)
+    return list(found.values())
 
 
 def base_folder(patterns: Iterable[str], root: str | Path = "") -> Path:
@@ -108,8 +109,10 @@ def check_distinct(names: Sequence[str], meshes: Sequence[Path]) -> None:
             )
 
 
-def _meshes(paths: Iterable[str]) -> list[Path]:
-    return sorted(Path(path) for path in paths if _is_mesh(path) and os.path.isfile(path))
+def _meshes(pattern: str, made: Callable[[Path], bool]) -> list[Path]:
+    """Return the mesh files that a pattern fits, sorted, but for those that a batch has `made`."""
+    fitting = glob.iglob(pattern, recursive=True)
+    return sorted(mesh for path in fitting if _is_mesh(path) and os.path.isfile(path) and not made(mesh := Path(path)))
 
 
 def _is_mesh(path: str) -> bool:

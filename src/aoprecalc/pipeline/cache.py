@@ -47,22 +47,26 @@ class Cache:
     def get(self, key: str, staging: Path) -> tuple[dict[str, Path], dict[str, Any]] | None:
         """Copy the files of a result into a folder; return name -> copy, and what was said of them.
 
-        None where there is no such entry, or it is going at this moment.
+        None where there is no such entry, or it is going at this moment; a damaged one goes.
         """
-        entry = self._entry(key)
-        files: dict[str, Path] = {}
+        entry, files = self._entry(key), dict[str, Path]()
+        if not os.path.exists(entry):
+            return None
         try:
             said = json.loads((entry / "result.json").read_bytes())
             for name, digest in said["files"].items():
-                files[name] = staging / f"{secrets.token_hex(6)}.{Path(name).name}"
+                if name != Path(name).name:
+                    raise ValueError(f"{name}: is no file of its own folder")
+                files[name] = staging / f"{secrets.token_hex(6)}.{name}"
                 shutil.copyfile(entry / "files" / name, files[name])
                 if file_digest(files[name]) != digest:
-                    self._remove(entry)  # damaged: it is made anew
-                    raise ValueError
+                    raise ValueError(f"{name}: holds something else")
             summary: dict[str, Any] = said["summary"]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             for copy in files.values():
                 copy.unlink(missing_ok=True)
+            if isinstance(error, FileNotFoundError) or not isinstance(error, OSError):
+                self._remove(entry)  # it is made anew
             return None
         with suppress(OSError):  # a cache that cannot be written serves, too
             if (entry / "result.json").stat().st_mtime < time.time() - _FINE:
@@ -76,7 +80,7 @@ class Cache:
         Raises OutputError where the folder cannot be written.
         """
         entry = self._entry(key)
-        if entry.exists():
+        if os.path.exists(entry):
             return False
         new = self._home / "new" / secrets.token_hex(12)
         try:
@@ -90,7 +94,7 @@ class Cache:
             os.rename(new, entry)
         except OSError as error:
             shutil.rmtree(new, ignore_errors=True)
-            if entry.exists():  # another writer was faster, with the same
+            if os.path.exists(entry):  # another writer was faster, with the same
                 return False
             reason = error.strerror or str(error)
             raise OutputError(
@@ -124,14 +128,15 @@ class Cache:
         return self._home / key[:2] / key
 
     def _entries(self) -> Iterator[tuple[float, Path, int]]:
-        """Yield the time of its last use, the folder and the bytes of each entry."""
-        for result in self._home.glob("[0-9a-f][0-9a-f]/*/result.json"):
+        """Yield the time of its last use, the folder and the bytes of each entry; a damaged one was used long ago."""
+        for entry in self._home.glob("[0-9a-f][0-9a-f]/*"):
+            result = entry / "result.json"
             try:
-                used = result.stat().st_mtime
-                size = sum(file.stat().st_size for file in result.parent.rglob("*") if file.is_file())
+                used = result.stat().st_mtime if result.exists() else 0.0
+                size = sum(file.stat().st_size for file in entry.rglob("*") if file.is_file())
             except OSError:  # it is going at this moment
                 continue
-            yield used, result.parent, size
+            yield used, entry, size
 
     def _remove(self, entry: Path) -> None:
         """Remove an entry: at once for those who look for it, then its files."""

@@ -11,8 +11,12 @@ from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from tempfile import TemporaryFile
+from typing import Any
 
-from aoprecalc.pipeline.work import Failure, Job, Outcome
+from aoprecalc.pipeline.glance import Glance
+from aoprecalc.pipeline.work import Failure, Job
+
+Request = Job | Glance
 
 POLL = 0.05  # seconds between two looks at the clock and at whether to stop
 _MOST_JOBS = 100  # of one process: what libraries leak does not grow without bounds
@@ -30,16 +34,16 @@ class Child:
 
     def run(
         self,
-        job: Job,
+        job: Request,
         tell: Callable[[str], None],
         *,
         timeout: float | None = None,
         retries: int = 0,
         stop: threading.Event | None = None,
-    ) -> Outcome:
-        """Return the outcome of a job.
+    ) -> Any:
+        """Return the outcome of a job (Made or Failure), or of a glance (Seen or Failure).
 
-        tell      is called with each stage that the job comes to
+        tell      is called with each stage that a job comes to
         timeout   seconds, after which the process is killed
         retries   how often a job whose process died is tried again
         stop      kills the process when it is set
@@ -72,7 +76,7 @@ class Child:
             finally:
                 self._busy.release()
 
-    def _once(self, job: Job, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Outcome:
+    def _once(self, job: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
         try:
             outcome = self._ask(job, tell, timeout, stop)
         except (EOFError, OSError) as error:  # the connection ends with the process
@@ -82,7 +86,7 @@ class Child:
             self.close()
         return outcome
 
-    def _ask(self, job: Job, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Outcome:
+    def _ask(self, job: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
         if self._process is None or self._process.poll() is not None:
             self._start()
         self._connection.send(job)
@@ -91,8 +95,7 @@ class Child:
             if self._connection.poll(POLL):
                 message = self._connection.recv()
                 if not isinstance(message, str):
-                    outcome: Outcome = message
-                    return outcome
+                    return message
                 tell(message)
             elif stop.is_set():
                 return Failure("stopped", f"{job.shown}: was stopped")
@@ -119,7 +122,7 @@ class Child:
         far.close()
         self._done = 0
 
-    def _why_dead(self, job: Job, error: Exception) -> str:
+    def _why_dead(self, job: Request, error: Exception) -> str:
         if self._process is None:
             return f"{job.shown}: no process for it could be started ({error}); use fewer --jobs"
         status = self._process.wait()

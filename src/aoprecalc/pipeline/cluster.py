@@ -59,7 +59,7 @@ class ClusterCrew:
         """Have the workers that a client knows, and those that come."""
         self._client, self._options = client, options
         self._batch = secrets.token_hex(8)
-        self.threads = self._threads_of_a_job()
+        self.threads = threads_of_a_job(client)
 
     def run(self, jobs: Sequence[Job]) -> Generator[Event]:
         """See Crew; the stages of jobs are not told."""
@@ -91,7 +91,7 @@ class ClusterCrew:
     def _sender(self, jobs: Sequence[Job]) -> Callable[[Job], Any]:
         """Return what submits a job, in the way in which files reach the workers."""
         sample = jobs[0]
-        places = self._look(str(sample.staging)).values()
+        places = _look(self._client, str(sample.staging)).values()
         ship = self._options.ship
         if ship == "folder" and not all(place.sees for place in places):
             raise AoprecalcError(
@@ -110,34 +110,36 @@ class ClusterCrew:
 
         return send
 
-    def _look(self, folder: str) -> dict[str, Place]:
-        """Look at each worker; raises AoprecalcError where one cannot work for this batch."""
-        try:
-            places: dict[str, Place] = self._client.run(look_around, folder)
-        except Exception as error:  # whatever hinders a worker to load the package
-            reason = " ".join(str(error).split())[:160]
-            raise AoprecalcError(
-                f"the workers of the cluster cannot load aoprecalc {__version__} ({reason}); install it there"
-            ) from error
-        for address, place in places.items():
-            if place.version != __version__:
-                found = f"worker {address} has aoprecalc {place.version}, {__version__} was expected"
-                raise AoprecalcError(f"{found}; install the same everywhere")
-        return places
-
     def _slots(self) -> int:
         """Return how many jobs the workers of this moment do at a time."""
         return sum(self._client.nthreads().values())
 
-    def _threads_of_a_job(self) -> int:
-        """Return how many threads each job may use for all jobs of a machine to have a core."""
-        nthreads = self._client.nthreads()
-        jobs: Counter[str] = Counter()
-        cores: dict[str, int] = {}
-        for address, place in self._look("").items():
-            jobs[place.host] += nthreads.get(address, 1)
-            cores[place.host] = place.cores
-        return max(1, min(cores[host] // jobs[host] for host in cores))
+
+def threads_of_a_job(client: Any) -> int:
+    """Return how many threads each job may use for all jobs of a machine to have a core."""
+    nthreads = client.nthreads()
+    jobs: Counter[str] = Counter()
+    cores: dict[str, int] = {}
+    for address, place in _look(client, "").items():
+        jobs[place.host] += nthreads.get(address, 1)
+        cores[place.host] = place.cores
+    return max(1, min(cores[host] // jobs[host] for host in cores))
+
+
+def _look(client: Any, folder: str) -> dict[str, Place]:
+    """Look at each worker; raises AoprecalcError where one cannot work for this batch."""
+    try:
+        places: dict[str, Place] = client.run(look_around, folder)
+    except Exception as error:  # whatever hinders a worker to load the package
+        reason = " ".join(str(error).split())[:160]
+        raise AoprecalcError(
+            f"the workers of the cluster cannot load aoprecalc {__version__} ({reason}); install it there"
+        ) from error
+    for address, place in places.items():
+        if place.version != __version__:
+            found = f"worker {address} has aoprecalc {place.version}, {__version__} was expected"
+            raise AoprecalcError(f"{found}; install the same everywhere")
+    return places
 
 
 def _inputs(job: Job) -> dict[str, bytes]:

@@ -43,7 +43,7 @@ def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
 
     Raises UsageError where a cluster is asked for and cannot be reached or used.
     """
-    if options.scheduler is None:
+    if options.scheduler is None or options.split:
         yield LocalCrew(count, options)
         return
     from aoprecalc.pipeline.cluster import open_cluster  # needs an extra
@@ -57,7 +57,8 @@ class LocalCrew:
 
     def __init__(self, count: int, options: BatchOptions) -> None:
         """Have as many processes as the options say and `count` jobs need, started when there is work."""
-        self._size = max(1, min(options.jobs or _default_jobs(), count))
+        jobs = 1 if options.split else options.jobs or _default_jobs()
+        self._size = max(1, min(jobs, count))
         self._options = options
         # who has set this has decided
         self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, _cores() // self._size)

@@ -102,6 +102,7 @@ class Library(AbstractContextManager["Library"]):
             staging=Path(os.path.abspath(staging)),
             own=own,
             order=asset.order.with_threads(threads),
+            spread=self._options.scheduler if self._options.split else None,
         )
 
     def take(self, task: Task, job: Job, outcome: Outcome) -> Result:

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
-from aoprecalc.pipeline.assets import Asset, base_folder, check_distinct, find_meshes, name_assets
-from aoprecalc.pipeline.orders import Order, Table, read_order
+from aoprecalc.pipeline.assets import Asset, base_folder, check_distinct, find_meshes, is_pattern, name_assets
+from aoprecalc.pipeline.orders import Order, Table, plain_keys, read_order
+from aoprecalc.pipeline.records import HOME
 
 _TOP = ("inputs", "exclude", "output", "bake", "spheres", "override", "asset")
 _OVERRIDE, _ASSET = ("match", "bake", "spheres"), ("mesh", "name", "bake", "spheres")
+_COUNTS = {"spheres", "tolerance", "levels"}  # each says how many spheres, in place of the others
 
 Choice = Table | bool | None  # a table; true: with the defaults; false: none of it; None: as said before
+Single = tuple[str, str | None, Choice, Choice]  # mesh, name, bake, spheres of an asset
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Manifest:
     bake: Choice
     spheres: Choice
     overrides: tuple[tuple[str, Choice, Choice], ...]
-    assets: tuple[tuple[str, str | None, Choice, Choice], ...]
+    assets: tuple[Single, ...]
 
     @property
     def patterns(self) -> list[str]:
@@ -51,20 +54,33 @@ class Manifest:
         Raises InputError for a pattern that fits nothing, UsageError where it asks for what cannot be.
         """
         root = self.path.parent
-        single = {os.path.normpath(root / mesh): entry for entry in self.assets for mesh in entry[:1]}
+        single = self._single()
         found = find_meshes(self.inputs, made, root) if self.inputs else []
         meshes = [
-            mesh for mesh in found if not self._excluded(mesh) and os.path.normpath(mesh) not in single
+            mesh for mesh in found if not self._excluded(mesh) and os.path.abspath(mesh) not in single
         ] + find_meshes([entry[0] for entry in self.assets], made, root)
         if not meshes:
-            raise InputError(f"{self.path}: names no meshes; give it inputs, or an [[asset]]")
+            raise InputError(f"{self.path}: leaves out all meshes that it names; correct exclude")
         base = base_folder(self.patterns, root)
         names = [
-            single.get(os.path.normpath(mesh), ("", None))[1] or name
+            single.get(os.path.abspath(mesh), ("", None))[1] or name
             for mesh, name in zip(meshes, name_assets(meshes, base), strict=True)
         ]
         check_distinct(names, meshes)
         return [Asset(name, mesh, self._order(mesh, single)) for name, mesh in zip(names, meshes, strict=True)]
+
+    def _single(self) -> dict[str, Single]:
+        """Return the single assets by the paths of their meshes; raises UsageError where these are not single."""
+        single: dict[str, Single] = {}
+        for entry in self.assets:
+            path = os.path.abspath(self.path.parent / entry[0])
+            if os.path.isdir(path) or is_pattern(entry[0], self.path.parent):
+                found = f"{self.path}: an [[asset]] has the mesh {entry[0]!r}, one file was expected"
+                raise UsageError(f"{found}; name folders and patterns in inputs, with an [[override]]")
+            if path in single:
+                raise UsageError(f"{self.path}: {entry[0]!r} is the mesh of two [[asset]]; omit one of them")
+            single[path] = entry
+        return single
 
     def _excluded(self, mesh: Path) -> bool:
         return any(self._fits(mesh, pattern) for pattern in self.exclude)
@@ -73,14 +89,14 @@ class Manifest:
         """Tell whether a mesh's way from the manifest fits a pattern, in which * stands for folders, too."""
         return fnmatchcase(Path(os.path.relpath(mesh, self.path.parent)).as_posix(), pattern)
 
-    def _order(self, mesh: Path, single: dict[str, tuple[str, str | None, Choice, Choice]]) -> Order:
+    def _order(self, mesh: Path, single: dict[str, Single]) -> Order:
         bake, spheres = self.bake, self.spheres
         fitting = [entry[1:] for entry in self.overrides if self._fits(mesh, entry[0])]
-        if own := single.get(os.path.normpath(mesh)):
+        if own := single.get(os.path.abspath(mesh)):
             fitting.append(own[2:])
-        for over_bake, over_spheres in fitting:
-            bake, spheres = _over(bake, over_bake, self.bake), _over(spheres, over_spheres, self.spheres)
         try:
+            for over_bake, over_spheres in fitting:
+                bake, spheres = _over(bake, over_bake, self.bake), _over(spheres, over_spheres, self.spheres)
             return read_order(_table(bake), _table(spheres))
         except UsageError as error:
             raise UsageError(f"{self.path}, for {mesh}: {error}") from error
@@ -89,7 +105,7 @@ class Manifest:
 def read_manifest(path: Path) -> Manifest:
     """Read a manifest; raises InputError where it is missing or no TOML, UsageError where it says what it cannot."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror}), a manifest was expected; check the path"
@@ -120,6 +136,8 @@ def read_manifest(path: Path) -> Manifest:
         )
         if manifest.bake is None and manifest.spheres is None and not (manifest.overrides or manifest.assets):
             raise UsageError("says nothing about bake or spheres; give it a table [bake], [spheres] or both")
+        if not manifest.patterns:
+            raise InputError("names no meshes; give it inputs, or an [[asset]]")
     except AoprecalcError as error:
         raise type(error)(f"{path}: {error}") from error
     return manifest
@@ -131,7 +149,9 @@ def _over(before: Choice, choice: Choice, default: Choice) -> Choice:
         return before
     if isinstance(choice, bool):
         return choice and (before or default or True)
-    return {**(_table(before or default) or {}), **choice}
+    kept, new = plain_keys(_table(before or default) or {}), plain_keys(choice)
+    replaced = _COUNTS if _COUNTS & new.keys() else set()
+    return {key: value for key, value in kept.items() if key not in replaced} | new
 
 
 def _table(choice: Choice) -> Table | None:
@@ -173,9 +193,16 @@ def _text(table: Table, key: str, default: Any = ...) -> Any:
 
 def _name(table: Table) -> str | None:
     name: str | None = _text(table, "name", None)
-    if name is not None and (not name.strip("/. ") or ".." in Path(name).parts or Path(name).is_absolute()):
+    if name is not None and not _is_name(name):
         raise UsageError(f"name is {name!r}; expected one below the output folder, such as props/rock")
     return name
+
+
+def _is_name(text: str) -> bool:
+    """Tell whether a text is the way to a file below a folder, in its plainest form."""
+    parts = text.split("/")
+    plain = all(part.strip(". ") for part in parts) and parts[0] != HOME
+    return plain and not any(char < " " for char in text)
 
 
 def _choice(table: Table, key: str) -> Choice:

@@ -52,17 +52,16 @@ def read_order(bake: Table | None, spheres: Table | None) -> Order:
         raise UsageError("neither bake nor spheres is asked for, so there is nothing to do; ask for one of them")
     made: dict[str, Any] = {}
     if bake is not None:
-        rest = _plain_keys(bake)
-        if "size" in rest:
-            rest["width"], rest["height"] = _size(rest.pop("size"))
+        rest = plain_keys(bake)
+        size = dict(zip(("width", "height"), _size(rest.pop("size")), strict=True)) if "size" in rest else {}
         made["verify"] = _typed("verify", rest.pop("verify", False), bool)
         made["texture"] = _extension("texture", rest.pop("texture", ".png"), TEXTURES)
         made["mesh"] = _extension("mesh", rest.pop("mesh", ""), MESHES)
-        made["bake"] = _options(BakeOptions, rest, "size", "texture", "mesh", "verify")
+        made["bake"] = _options(BakeOptions, rest, ("size", "texture", "mesh", "verify"), **size)
     if spheres is not None:
-        rest = _plain_keys(spheres)
+        rest = plain_keys(spheres)
         made["set"] = _extension("format", rest.pop("format", ".json"), SPHERE_SETS)
-        made["spheres"] = _options(SphereOptions, rest, "format")
+        made["spheres"] = _options(SphereOptions, rest, ("format",))
     return Order(**made)
 
 
@@ -75,7 +74,9 @@ def as_words(options: BakeOptions | SphereOptions) -> list[str]:
         if (width, height) != (BakeOptions.width, BakeOptions.height):
             words += ["--size", str(width) if width == height else f"{width}x{height}"]
         if given["memory_limit"] is not None:
-            given["memory_limit"] = f"{given['memory_limit'] >> 10}K"
+            given["memory_limit"] = _amount(given["memory_limit"])
+    elif options.levels or options.tolerance is not None:
+        del given["spheres"]  # these say how many
     for name, value in given.items():
         if value == getattr(type(options), name):
             continue
@@ -99,21 +100,30 @@ _READ: dict[str, Callable[[str], Any]] = {
 }
 
 
-def _options(kind: type[Options], table: dict[str, Any], *others: str) -> Options:
-    """Return the options of a table whose keys are fields; `others`: what else may be in such a table."""
+def _options(kind: type[Options], table: dict[str, Any], others: tuple[str, ...], **values: Any) -> Options:
+    """Return the options of a table whose keys are fields.
+
+    others   what else may be in such a table
+    values   of fields that it names otherwise
+    """
     hints: dict[str, Any] = get_type_hints(kind)
-    values = {}
+    known: set[str] = set(hints) - {"width", "height"}  # these are its size
     for key, value in table.items():
-        if key not in hints:
-            known = sorted({*others, *hints} - {"width", "height"})
-            raise UsageError(f"{key!r} is no option, one of {', '.join(known)} was expected".replace("_", "-"))
+        if key not in known:
+            expected = ", ".join(sorted({*others, *known}))
+            raise UsageError(f"{key!r} is no option, one of {expected} was expected".replace("_", "-"))
         read = _READ.get(key)
         values[key] = read(value) if read and isinstance(value, str) else _typed(key, value, hints[key])
     return kind(**values)
 
 
-def _plain_keys(table: Table) -> dict[str, Any]:
-    return {key.replace("-", "_"): value for key, value in table.items()}
+def plain_keys(table: Table) -> dict[str, Any]:
+    """Return a table under the names of fields; raises UsageError where two keys are one."""
+    plain = {key.replace("-", "_"): value for key, value in table.items()}
+    for key in table:
+        if "-" in key and key.replace("-", "_") in table:
+            raise UsageError(f"{key} is given twice, with - and with _; omit one of them")
+    return plain
 
 
 def _size(value: Any) -> tuple[int, int]:
@@ -122,6 +132,12 @@ def _size(value: Any) -> tuple[int, int]:
     if isinstance(value, tuple):
         return value
     return (value, value)
+
+
+def _amount(count: int) -> str:
+    """Write an amount of bytes as `read_bytes` takes it, rounded up to what that can say."""
+    units = enumerate("KMGT", 1)
+    return next(f"{whole}{unit}" for power, unit in units if (whole := -(-count >> 10 * power)) < 10**9)
 
 
 def _extension(key: str, value: Any, known: tuple[str, ...]) -> str:
@@ -137,7 +153,10 @@ def _typed(key: str, value: Any, hint: Any) -> Any:
     if getattr(hint, "__origin__", None) is tuple:
         entries = [value] if isinstance(value, str) else value
         kind = get_args(hint)[0]
-        if not isinstance(entries, list | tuple) or not all(isinstance(entry, kind) for entry in entries):
-            raise UsageError(f"{key.replace('_', '-')} is {value!r}; expected a list")
+        if not isinstance(entries, list | tuple) or not all(type(entry) is kind for entry in entries):
+            expected = "names" if kind is str else "whole numbers"
+            raise UsageError(f"{key.replace('_', '-')} is {value!r}; expected a list of {expected}")
         return tuple(entries)
+    if type(value) is int and str(value) in get_args(hint):  # such as the bits of --bit-depth
+        return str(value)
     return value

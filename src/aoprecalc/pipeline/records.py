@@ -99,7 +99,7 @@ def _read(file: Path) -> Record | None:
             return None
         inputs = Inputs(_stamps(document["inputs"]["files"]))
         return Record(document["order"], inputs, _stamps(document["outputs"]), document["summary"])
-    except (OSError, ValueError, KeyError, TypeError):  # missing, cut off, or of another version
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # missing, damaged, or of another version
         return None
 
 

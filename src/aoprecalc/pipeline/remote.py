@@ -14,6 +14,7 @@ from typing import Any
 
 import aoprecalc
 from aoprecalc.pipeline.child import Child
+from aoprecalc.pipeline.glance import Glance, Seen
 from aoprecalc.pipeline.work import Failure, Job, Outcome
 
 
@@ -60,13 +61,8 @@ def look_around(folder: str, dask_worker: Any = None) -> Place:
 
 def work_in_folder(job: Job, batch: str, timeout: float | None, retries: int) -> Outcome:
     """Do a job of a batch on files that this machine sees under the same paths."""
-    party = _parties.setdefault(batch, _Party())
-    child = party.children.setdefault(threading.get_ident(), Child())
-    try:
-        return child.run(job, lambda stage: None, timeout=timeout, retries=retries, stop=party.stop)
-    finally:
-        if party.stop.is_set():
-            child.close()
+    outcome: Outcome = _ask(job, batch, timeout, retries)
+    return outcome
 
 
 def work_on_bytes(
@@ -90,6 +86,12 @@ def work_on_bytes(
         return outcome, {name: file.read_bytes() for name, file in outcome.files.items()}
 
 
+def look_elsewhere(glance: Glance, subject: bytes, batch: str) -> Seen | Failure:
+    """Look where a glance says, at a subject that is sent by itself, once for all glances."""
+    seen: Seen | Failure = _ask(replace(glance, subject=subject), batch, None, 1)
+    return seen
+
+
 def end(batch: str) -> None:
     """End the processes of a batch."""
     party = _parties.pop(batch, None)
@@ -98,6 +100,17 @@ def end(batch: str) -> None:
     party.stop.set()
     for child in list(party.children.values()):
         child.close_if_idle()
+
+
+def _ask(request: Job | Glance, batch: str, timeout: float | None, retries: int) -> Any:
+    """Have this thread's process of a batch do what is asked."""
+    party = _parties.setdefault(batch, _Party())
+    child = party.children.setdefault(threading.get_ident(), Child())
+    try:
+        return child.run(request, lambda stage: None, timeout=timeout, retries=retries, stop=party.stop)
+    finally:
+        if party.stop.is_set():
+            child.close()
 
 
 def _below(job: Job, root: Path) -> Job:

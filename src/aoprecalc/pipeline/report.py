@@ -8,7 +8,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from aoprecalc import __version__
-from aoprecalc.pipeline.orders import as_words
+from aoprecalc.pipeline.orders import Order, as_words
 from aoprecalc.pipeline.watching import Result
 
 SCHEMA = 1
@@ -66,13 +66,19 @@ def junit(results: Sequence[Result], seconds: float) -> str:
 
 def commands(result: Result) -> list[str]:
     """Return the commands that make an asset by itself, to see how it fails."""
-    order, mesh = result.asset.order, str(result.asset.mesh)
+    order, mesh, stem = result.asset.order, str(result.asset.mesh), result.asset.stem
+    named = ["--", mesh] if mesh.startswith("-") else [mesh]
     lines = []
     if order.bake is not None:
-        verify = ["--verify"] if order.verify else []
-        lines.append(shlex.join(["aoprecalc", "bake", mesh, *as_words(order.bake), *verify]))
+        words = as_words(order.bake)
+        words += ["-o", f"{stem}_ao{order.texture}"] if order.texture != Order.texture else []
+        words += ["--mesh-output", f"{stem}_ao{order.mesh}"] if order.mesh != Order.mesh else []
+        words += ["--verify"] if order.verify else []
+        lines.append(shlex.join(["aoprecalc", "bake", *words, *named]))
     if order.spheres is not None:
-        lines.append(shlex.join(["aoprecalc", "spheres", mesh, *as_words(order.spheres)]))
+        words = as_words(order.spheres)
+        words += ["-o", f"{stem}_spheres{order.set}"] if order.set != Order.set else []
+        lines.append(shlex.join(["aoprecalc", "spheres", *words, *named]))
     return lines
 
 

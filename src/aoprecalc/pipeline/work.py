@@ -3,7 +3,7 @@
 import os
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +12,7 @@ from aoprecalc import recipes
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.files import Outputs
 from aoprecalc.files.reports import write_report
+from aoprecalc.occlusion.sight import OpenSight, OwnSight
 from aoprecalc.pipeline.orders import Order
 from aoprecalc.progress import Progress
 
@@ -29,6 +30,7 @@ class Job:
     staging   where they are written, of the same file system
     own       what an earlier batch made of the asset, which may be replaced
     order     what is made
+    spread    address of the scheduler over whose workers the visibility is spread; None: it is not
     """
 
     name: str
@@ -39,6 +41,7 @@ class Job:
     staging: Path
     own: tuple[Path, ...]
     order: Order
+    spread: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,8 @@ def work(job: Job, tell: Callable[[str], None]) -> Outcome:
 
 def _make(job: Job, heard: Heard) -> Made:
     order, folder, summary = job.order, job.folder, dict[str, Any]()
-    with Outputs(job.staging, job.own) as outputs:
+    with ExitStack() as stack:
+        outputs = stack.enter_context(Outputs(job.staging, job.own))
         if order.bake is not None:
             baked = recipes.bake(
                 job.mesh,
@@ -121,6 +125,7 @@ def _make(job: Job, heard: Heard) -> Made:
                 mesh_output=folder / f"{job.stem}_ao{order.mesh}" if order.mesh else None,
                 verify=order.verify,
                 outputs=outputs,
+                open_sight=_sight(job, stack),
                 options=order.bake,
                 progress=heard,
             )
@@ -143,6 +148,15 @@ def _make(job: Job, heard: Heard) -> Made:
         files = {str(place.relative_to(home)): written for place, written in outputs.release().items()}
     lines = [_shown(job, line) for line in dict.fromkeys(heard.warnings)]
     return Made(files, {**summary, "warnings": lines})
+
+
+def _sight(job: Job, stack: ExitStack) -> OpenSight:
+    """Return what makes that which sees: the process itself, or the workers of a cluster."""
+    if job.spread is None:
+        return OwnSight
+    from aoprecalc.pipeline.spread import Spread  # needs an extra
+
+    return stack.enter_context(Spread(job.spread, job.shown))
 
 
 def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:

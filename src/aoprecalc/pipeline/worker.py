@@ -1,4 +1,4 @@
-"""A worker process: does one job after the other, as its parent sends them.
+"""A worker process: does what its parent asks for, one thing after the other.
 
 Usage: python -m aoprecalc.pipeline.worker <file descriptor of a connection> <process of the parent>
 """
@@ -9,6 +9,7 @@ import sys
 from multiprocessing.connection import Connection
 
 from aoprecalc.children import end_with_parent
+from aoprecalc.pipeline.glance import Eyes, Glance
 from aoprecalc.pipeline.work import work
 
 
@@ -18,10 +19,11 @@ def main() -> None:
     if os.getppid() != int(sys.argv[2]):  # it died before that
         return
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
-    connection = Connection(int(sys.argv[1]))
+    connection, eyes = Connection(int(sys.argv[1])), Eyes()
     try:
         while True:
-            connection.send(work(connection.recv(), connection.send))
+            request = connection.recv()
+            connection.send(eyes.look(request) if isinstance(request, Glance) else work(request, connection.send))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
 
