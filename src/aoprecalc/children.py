@@ -21,14 +21,20 @@ FIRST_STEP = "starting"
 # What a thread written in Rust says before it dies, and the others wait for it: where, and on the next line why.
 _PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
 
+_KILLS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # come from outside, whatever the work is
+
 _STEP = "step: "  # begins the lines that are steps
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+class Killed(ChildProcessError):  # noqa: N818 - as its base is called
+    """The child was killed from outside, such as by a system that is out of memory."""
 
 
 def ask(command: list[str], request: bytes, look: Look) -> bytes:
     """Return the child's answer; the child is gone when this returns or raises, whatever it raises.
 
-    Raises ChildProcessError with the reason, one line, where the child fails.
+    Raises ChildProcessError with the reason, one line, where the child fails, Killed where it was killed.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # finds what this process found
     with TemporaryFile() as file:  # no pipe: `communicate` does not go on writing to one after a pause
@@ -43,7 +49,8 @@ def ask(command: list[str], request: bytes, look: Look) -> bytes:
             child.wait()  # `with` alone does not, after a Ctrl-C
             raise
     if child.returncode != 0:
-        raise ChildProcessError(_reason(child.returncode, said))
+        kind = Killed if -child.returncode in _KILLS else ChildProcessError
+        raise kind(_reason(child.returncode, said))
     return answer
 
 

@@ -14,6 +14,10 @@ class OutputError(AoprecalcError):
     """A result could not be written (exit code 1)."""
 
 
+class KilledError(AoprecalcError):
+    """A process that did part of the work was killed, perhaps for want of memory (exit code 1)."""
+
+
 class StoppedError(AoprecalcError):
     """The user has stopped the work; what was finished stays (exit code 130)."""
 

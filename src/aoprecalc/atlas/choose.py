@@ -9,7 +9,7 @@ import numpy as np
 
 from aoprecalc.atlas.gutter import doubled_areas
 from aoprecalc.atlas.unwrap import owns_place, unwrap
-from aoprecalc.errors import AoprecalcError, InputError, UsageError
+from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
 from aoprecalc.model import Atlas, Scene, UvCheck
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
@@ -54,6 +54,8 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
 
     try:
         return unwrap_by("uvunwrap" if fast else "xatlas")
+    except KilledError:  # which has nothing to do with the mesh
+        raise
     except AoprecalcError as error:
         if not (fast and options.unwrap == "auto" and isinstance(error.__cause__, ChildProcessError)):
             raise

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.children import Look, ask
-from aoprecalc.errors import AoprecalcError, InputError, UsageError
+from aoprecalc.children import Killed, Look, ask
+from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import face_directions
 
@@ -87,5 +87,5 @@ def _ask(
         answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), look)))
     except ChildProcessError as error:
         message = f"{method} could not unwrap {len(faces)} faces: {error}; or try --unwrap {_OTHER[method]}"
-        raise AoprecalcError(message) from error
+        raise (KilledError if isinstance(error, Killed) else AoprecalcError)(message) from error
     return answer["uvs"].astype(np.float64), answer["placed"], int(answer["charts"]), int(answer["gutter"])

@@ -84,7 +84,7 @@ def batch(
     What is there already stays, unless its mesh, the options or the version of aoprecalc have changed. A mesh that
     fails costs the others nothing; the exit code is 1 then.
     """
-    from aoprecalc.cli.batch_table import BatchTable, summary_lines
+    from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.files import Outputs
     from aoprecalc.files.places import claim, output_place
     from aoprecalc.files.reports import report_text, write_report
@@ -104,17 +104,18 @@ def batch(
         if path is not None
     }
     with Outputs() as outputs:
+        outputs.folder(folder)
         for name, place in places.items():
             claim(outputs, {"report": report, "junit": junit}[name], place)
-        with BatchTable(quiet=quiet, verbose=verbose) as table:
-            result = run(assets, folder, None if no_cache else cache or default_cache(), options, table)
+        with BatchTable(quiet=quiet, verbose=verbose) as watcher:
+            result = run(assets, folder, None if no_cache else cache or default_cache(), options, watcher)
         if "report" in places:
             write_report(outputs.path(places["report"]), result.report)
         if "junit" in places:
             outputs.path(places["junit"]).write_text(
                 junit_text(result.results, result.report["seconds"]), encoding="utf-8"
             )
-    click.echo(report_text(result.report) if as_json else "\n".join(summary_lines(result)), nl=not as_json)
+    click.echo(report_text(result.report) if as_json else "\n".join(table(result)), nl=not as_json)
     for entry in result.results:
         if entry.failure is not None and entry.status == "failed":
             annotate("error", entry.failure.message, file=entry.asset.mesh)
@@ -127,13 +128,13 @@ def batch(
 
 
 def _said(result: "BatchResult", folder: Path) -> str:
-    counts = result.report["counts"]
-    stopped = f", {counts['stopped']} were not begun" if counts["stopped"] else ""
-    count = len(result.results)
-    return (
-        f"{counts['failed']} of {count} assets failed{stopped}; the others are in {folder}, "
-        "correct those and run the same command again"
-    )
+    counts, total = result.report["counts"], len(result.results)
+    found = f"{counts['failed']} of {total} assets failed" if total > 1 else "the asset failed"
+    if counts["stopped"]:
+        found += f", {counts['stopped']} were not finished"
+    if total > counts["failed"] + counts["stopped"]:
+        found += f", the others are in {folder}"
+    return f"{found}; correct what failed and run the same command again"
 
 
 def _given(command: click.Command, name: str, text: str | None) -> dict[str, Any] | None:

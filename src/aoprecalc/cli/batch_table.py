@@ -11,11 +11,11 @@ import click
 from aoprecalc.pipeline import BatchResult, Result, Watcher
 from aoprecalc.pipeline.assets import Asset
 
-_NAME = 32  # columns of a name
+_NAME = 48  # columns of a name at most
 
 
 class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
-    """Shows the assets under way on a terminal; in a log, and for what ends, prints one line each. All on stderr."""
+    """Shows the assets under way on a terminal, and prints a line for each that ends. All on stderr."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         """Show nothing until there is something to show."""
@@ -57,7 +57,8 @@ class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
         self._counts[result.status] = self._counts.get(result.status, 0) + 1
         if result.status in ("made", "cached", "failed"):
             done = sum(self._counts.values())
-            self._say(f"[{done:>{len(str(self._total))}}/{self._total}] {line(result)}")
+            head = f"[{done:>{len(str(self._total))}}/{self._total}] {result.status:<7} {result.seconds:6.1f} s"
+            self._say(f"{head}  {result.asset.name}")
             if self._verbose:
                 for warning in (result.summary or {}).get("warnings", ()):
                     self._say(f"  warning: {warning}")
@@ -92,27 +93,24 @@ class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
         return Group(head, table)
 
 
-def line(result: Result) -> str:
-    """Return what became of one asset."""
-    name = f"{result.asset.name:<{_NAME}}"
-    if result.failure is not None:
-        return f"{result.status:<9} {result.seconds:7.1f} s  {name}  {result.failure.message}"
-    return f"{result.status:<9} {result.seconds:7.1f} s  {name}  {_described(result.summary or {})}".rstrip()
-
-
-def summary_lines(result: BatchResult) -> list[str]:
-    """Return the table at the end: a line for each asset, but for those that needed nothing, and how many there are."""
-    lines = [line(entry) for entry in result.results if entry.status in ("made", "cached", "failed")]
-    counts = result.report["counts"]
+def table(result: BatchResult) -> list[str]:
+    """Return the table at the end: a row for each asset, but for those that needed nothing, and how many there are."""
+    rows = [entry for entry in result.results if entry.status in ("made", "cached", "failed")]
+    width = min(_NAME, max((len(entry.asset.name) for entry in rows), default=0))
+    lines = [f"{entry.status:<6} {entry.seconds:7.1f} s  {entry.asset.name:<{width}}  {_said(entry)}" for entry in rows]
+    counts, total = result.report["counts"], len(result.results)
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    total = len(result.results)
     return [*lines, f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report['seconds']:.1f} s"]
 
 
-def _described(summary: dict[str, Any]) -> str:
-    parts = []
+def _said(result: Result) -> str:
+    """Return what was made of an asset, or why nothing was."""
+    if result.failure is not None:
+        return result.failure.message
+    summary, parts = result.summary or {}, []
     if "ao_mean" in summary:
-        parts.append(f"{summary['triangles']} triangles, mean {summary['ao_mean']:.3f}")
+        width, height = summary["size"]
+        parts.append(f"{summary['triangles']} triangles, {width} x {height}, mean {summary['ao_mean']:.3f}")
     if summary.get("rmse") is not None:
         parts.append(f"RMS error {summary['rmse']:.4f}")
     if "spheres" in summary:

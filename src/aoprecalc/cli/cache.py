@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
 
 
-@click.group(short_help="See or prune the results that batches share.")
+@click.group(no_args_is_help=False, short_help="See or prune the results that batches share.")
 def cache() -> None:
     """See or prune the folder of results that batches share."""
 

@@ -10,12 +10,11 @@ from typing import Any
 
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.pipeline.assets import Asset, base_folder, check_distinct, find_meshes, is_pattern, name_assets
-from aoprecalc.pipeline.orders import Order, Table, plain_keys, read_order
+from aoprecalc.pipeline.orders import COUNTS, Order, Table, plain_keys, read_order
 from aoprecalc.pipeline.records import HOME
 
 _TOP = ("inputs", "exclude", "output", "bake", "spheres", "override", "asset")
 _OVERRIDE, _ASSET = ("match", "bake", "spheres"), ("mesh", "name", "bake", "spheres")
-_COUNTS = {"spheres", "tolerance", "levels"}  # each says how many spheres, in place of the others
 
 Choice = Table | bool | None  # a table; true: with the defaults; false: none of it; None: as said before
 Single = tuple[str, str | None, Choice, Choice]  # mesh, name, bake, spheres of an asset
@@ -150,7 +149,7 @@ def _over(before: Choice, choice: Choice, default: Choice) -> Choice:
     if isinstance(choice, bool):
         return choice and (before or default or True)
     kept, new = plain_keys(_table(before or default) or {}), plain_keys(choice)
-    replaced = _COUNTS if _COUNTS & new.keys() else set()
+    replaced = COUNTS if COUNTS & new.keys() else frozenset[str]()
     return {key: value for key, value in kept.items() if key not in replaced} | new
 
 

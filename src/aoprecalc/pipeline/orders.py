@@ -12,6 +12,7 @@ Table = Mapping[str, Any]
 Options = TypeVar("Options", BakeOptions, SphereOptions)
 
 TEXTURES, MESHES = (".png", ".exr", ".tif", ".tiff", ".jpg", ".tga", ".bmp"), ("", ".obj", ".ply", ".gltf", ".glb")
+COUNTS = frozenset({"spheres", "tolerance", "levels"})  # each says how many spheres, in place of the others
 SPHERE_SETS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
 
 
@@ -60,6 +61,8 @@ def read_order(bake: Table | None, spheres: Table | None) -> Order:
         made["bake"] = _options(BakeOptions, rest, ("size", "texture", "mesh", "verify"), **size)
     if spheres is not None:
         rest = plain_keys(spheres)
+        if len(counts := sorted(COUNTS & rest.keys())) > 1:
+            raise UsageError(f"{' and '.join(counts)} both say how many spheres; use one of them")
         made["set"] = _extension("format", rest.pop("format", ".json"), SPHERE_SETS)
         made["spheres"] = _options(SphereOptions, rest, ("format",))
     return Order(**made)

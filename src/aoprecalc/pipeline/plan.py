@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 from aoprecalc.errors import UsageError
@@ -9,7 +10,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline.assets import Asset, base_folder, find_meshes, name_assets
 from aoprecalc.pipeline.manifest import read_manifest
 from aoprecalc.pipeline.orders import Order
-from aoprecalc.pipeline.records import Records
+from aoprecalc.pipeline.records import HOME, Records
 
 
 def plan(
@@ -47,11 +48,18 @@ def plan(
 
 def _made(output: Path, base: Path) -> Callable[[Path], bool]:
     """Return what tells whether a file was made by a batch."""
-    home, outputs = Path(os.path.realpath(output)), Records(output).outputs()
-    apart = not Path(os.path.realpath(base)).is_relative_to(home)
+    home, top, outputs = Path(os.path.realpath(output)), Path(os.path.realpath(base)), Records(output).outputs()
+    apart = not top.is_relative_to(home)
+
+    @cache
+    def is_output(folder: Path) -> bool:
+        """Tell whether a folder below the base is one for outputs, of any batch."""
+        if folder == top or not folder.is_relative_to(top):
+            return False
+        return (apart and folder == home) or (folder / HOME).is_dir() or is_output(folder.parent)
 
     def made(path: Path) -> bool:
         real = Path(os.path.realpath(path))
-        return real in outputs or (apart and real.is_relative_to(home))
+        return real in outputs or is_output(real.parent)
 
     return made

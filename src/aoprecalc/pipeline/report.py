@@ -17,7 +17,7 @@ SCHEMA = 1
 def batch_report(results: Sequence[Result], output: Path, seconds: float) -> dict[str, Any]:
     """Return the report; every value is a plain JSON value."""
     counts = Counter(result.status for result in results)
-    return {
+    report = {
         "schema": SCHEMA,
         "version": __version__,
         "output": str(output),
@@ -25,6 +25,7 @@ def batch_report(results: Sequence[Result], output: Path, seconds: float) -> dic
         "assets": [_asset(result, output) for result in results],
         "seconds": round(seconds, 3),
     }
+    return {key: _legible(value) for key, value in report.items()}
 
 
 def junit(results: Sequence[Result], seconds: float) -> str:
@@ -43,12 +44,11 @@ def junit(results: Sequence[Result], seconds: float) -> str:
     suite = ElementTree.Element("testsuite", name="aoprecalc batch", **counts, time=f"{seconds:.3f}")
     for result in results:
         place: dict[str, Any] = {
-            "classname": result.asset.folder.replace("/", ".") or "assets",
-            "name": result.asset.stem,
+            "classname": _plain(result.asset.folder).replace("/", ".") or "assets",
+            "name": _plain(result.asset.stem),
+            "file": _plain(str(result.asset.mesh)),
         }
-        case = ElementTree.SubElement(
-            suite, "testcase", **place, file=str(result.asset.mesh), time=f"{result.seconds:.3f}"
-        )
+        case = ElementTree.SubElement(suite, "testcase", **place, time=f"{result.seconds:.3f}")
         if result.failure is not None and result.status == "failed":
             failure = ElementTree.SubElement(
                 case, "failure", type=result.failure.kind, message=_plain(result.failure.message)
@@ -97,6 +97,17 @@ def _asset(result: Result, output: Path) -> dict[str, Any]:
         "commands": commands(result),
         "seconds": round(result.seconds, 3),
     }
+
+
+def _legible(value: Any) -> Any:
+    """Return a JSON value without the bytes of file names that are no text."""
+    if isinstance(value, str):
+        return value.encode(errors="replace").decode()
+    if isinstance(value, list):
+        return [_legible(entry) for entry in value]
+    if isinstance(value, dict):
+        return {key: _legible(entry) for key, entry in value.items()}
+    return value
 
 
 def _plain(text: str) -> str:

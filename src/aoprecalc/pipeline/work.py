@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from aoprecalc import recipes
-from aoprecalc.errors import AoprecalcError
+from aoprecalc.errors import AoprecalcError, KilledError
 from aoprecalc.files import Outputs
 from aoprecalc.files.reports import write_report
 from aoprecalc.occlusion.sight import OpenSight, OwnSight
@@ -104,7 +104,8 @@ def work(job: Job, tell: Callable[[str], None]) -> Outcome:
     try:
         return _make(job, Heard(tell))
     except AoprecalcError as error:
-        return Failure("error", _shown(job, str(error)), error.exit_code)
+        kind: Kind = "crash" if isinstance(error, KilledError) else "error"
+        return Failure(kind, _shown(job, str(error)), error.exit_code)
     except MemoryError:
         return Failure("error", f"{job.shown}: out of memory; use a smaller size or fewer --jobs")
     except OSError as error:
