@@ -257,6 +257,7 @@ class BatchOptions:
     retries     how often an asset is tried again whose process died (of a crash, or for want of memory)
     fail_fast   stop at the first asset that fails; else the others go on
     force       make everything again, whatever is there already
+    prune       remove what earlier batches made of meshes that are not among these any more, unless it was changed
     cache_size  bytes to which the cache is pruned after a batch that added to it; what was used last stays
     scheduler   address of a Dask scheduler whose workers do the work, such as tcp://host:8786; None: this machine
     ship        how files reach those workers and come back: folder: under the same paths, which they share; bytes: over
@@ -269,6 +270,7 @@ class BatchOptions:
     retries: int = 1
     fail_fast: bool = False
     force: bool = False
+    prune: bool = False
     cache_size: int = 10 << 30
     scheduler: str | None = None
     ship: Ship = "auto"

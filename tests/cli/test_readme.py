@@ -19,12 +19,14 @@ def section(command):
 
 
 def parameters(command):
-    return [entry for entry in main.commands[command].params if isinstance(entry, click.Option)]
+    """Its options, and those of the commands that it is a group of."""
+    commands = [main.commands[command], *getattr(main.commands[command], "commands", {}).values()]
+    return [entry for one in commands for entry in one.params if isinstance(entry, click.Option)]
 
 
 @pytest.mark.parametrize("command", main.commands)
 def test_every_option_is_in_the_readme_and_none_beside_it(command):
-    real = {name for entry in parameters(command) for name in entry.opts}
+    real = {name for entry in parameters(command) for name in (*entry.opts, *entry.secondary_opts)}
     written = set(re.findall(r"`(--?[a-z][a-z-]*)", section(command)))
     assert written == real
 
@@ -33,7 +35,7 @@ def test_every_option_is_in_the_readme_and_none_beside_it(command):
 def test_defaults_in_the_readme_are_the_programs(command):
     rows = dict(re.findall(r"^\| (.*?) \| (.*?) \|", section(command), re.MULTILINE))
     for entry in parameters(command):
-        default = getattr(DEFAULTS.get(command), entry.name, None)
+        default = entry.default
         if isinstance(default, str | int) and not isinstance(default, bool):
             cell = next(cell for names, cell in rows.items() if f"`{entry.opts[-1]}" in names)
             assert cell.replace(",", "") == str(default)

@@ -49,6 +49,7 @@ class _BatchCommand(click.Command):
 @option("--retries", of=BatchOptions, field="retries", help="Tries for an asset whose process died, beyond the first.")
 @click.option("--fail-fast/--keep-going", help="Stop at the first failure, or make the others. [default: --keep-going]")
 @click.option("--force", is_flag=True, help="Make everything again, whatever is there.")
+@click.option("--prune", is_flag=True, help="Remove what was made of meshes that are not among these any more.")
 @click.option(
     "--cache", metavar="DIR", help="Results to share between batches. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]"
 )

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from os import PathLike
@@ -12,7 +12,7 @@ from typing import Any
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline.assets import Asset
 from aoprecalc.pipeline.cache import Cache
-from aoprecalc.pipeline.crew import Crew, open_crew
+from aoprecalc.pipeline.crew import open_crew
 from aoprecalc.pipeline.library import Library, Task
 from aoprecalc.pipeline.orders import Order
 from aoprecalc.pipeline.plan import plan
@@ -90,11 +90,10 @@ def run(
                 elif end(found):
                     break
             else:
-                tasks.sort(key=Task.weight, reverse=True)  # the longest first, lest one be alone at the end
-                with open_crew(len(tasks), options) as crew:
-                    for result in _made(tasks, library, crew, watcher):
-                        if end(result):
-                            break
+                with closing(_made(tasks, library, options, watcher)) as made:
+                    any(map(end, made))  # up to the one with which the batch is over
+            if options.prune:
+                library.prune([asset.name for asset in assets])
         except KeyboardInterrupt:
             interrupted = True
     stopped = [asset for asset in assets if asset.name not in results]
@@ -106,14 +105,18 @@ def run(
     return BatchResult(ordered, passed, interrupted, report)
 
 
-def _made(tasks: Sequence[Task], library: Library, crew: Crew, watcher: Watcher) -> Iterable[Result]:
-    """Have the crew do the tasks; yield the result of each when its files are at their places."""
+def _made(tasks: list[Task], library: Library, options: BatchOptions, watcher: Watcher) -> Generator[Result]:
+    """Have a crew do the tasks; yield the result of each when its files are at their places."""
+    if not tasks:
+        return
+    tasks.sort(key=Task.weight, reverse=True)  # the longest first, lest one be alone at the end
     of_job = {task.asset.name: task for task in tasks}
-    jobs = [library.job(task, crew.threads) for task in tasks]
-    with closing(crew.run(jobs)) as events:
-        for event in events:
-            task = of_job[event.job.name]
-            if event.outcome is None:
-                watcher.stage(task.asset, event.stage)
-            else:
-                yield library.take(task, event.job, event.outcome)
+    with open_crew(len(tasks), options) as crew:
+        jobs = [library.job(task, crew.threads) for task in tasks]
+        with closing(crew.run(jobs)) as events:
+            for event in events:
+                task = of_job[event.job.name]
+                if event.outcome is None:
+                    watcher.stage(task.asset, event.stage)
+                else:
+                    yield library.take(task, event.job, event.outcome)

@@ -3,7 +3,8 @@
 import os
 import secrets
 import shutil
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Collection, Mapping
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -118,6 +119,21 @@ class Library(AbstractContextManager["Library"]):
         finally:
             shutil.rmtree(job.staging, ignore_errors=True)
 
+    def prune(self, assets: Collection[str]) -> None:
+        """Remove what earlier batches made of other assets than these, where nobody has changed it."""
+        for name in self._records.names():
+            if name not in assets and (record := self._records.get(name)) is not None:
+                self._remove(record.outputs, self._output / name.rpartition("/")[0])
+                self._records.drop(name)
+
+    def _remove(self, outputs: Mapping[str, Stamp], folder: Path) -> None:
+        """Remove files that belong to nothing now, as they were written, and their folder if nothing else is in it."""
+        for name, stamp in outputs.items():
+            if folder / name not in self._owners and stamp.is_now(folder / name):
+                (folder / name).unlink(missing_ok=True)
+        with suppress(OSError):
+            folder.rmdir()
+
     def _keep(self, task: Task, made: Made) -> None:
         """Add a result to the cache; one that cannot be added is no loss but of time."""
         if self._cache is None:
@@ -143,9 +159,8 @@ class Library(AbstractContextManager["Library"]):
             folder.mkdir(parents=True, exist_ok=True)
             for name, file in files.items():
                 os.replace(file, folder / name)
-            for name, stamp in (task.before.outputs if task.before else {}).items():
-                if name not in files and folder / name not in self._owners and stamp.is_now(folder / name):
-                    (folder / name).unlink()  # made by an earlier batch, and belongs to nothing now
+            if task.before is not None:
+                self._remove(task.before.outputs, folder)
             self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
         except OSError as error:
             reason = f"{error.filename2 or error.filename}: cannot be written ({error.strerror}); choose another output"

@@ -79,6 +79,15 @@ class Records:
         written.write_text(json.dumps({"schema": SCHEMA, **asdict(record)}), encoding="utf-8")
         os.replace(written, file)
 
+    def names(self) -> list[str]:
+        """Return the names of all recorded assets, sorted."""
+        files = self._assets.rglob("*.json")
+        return sorted(file.relative_to(self._assets).with_suffix("").as_posix() for file in files)
+
+    def drop(self, name: str) -> None:
+        """Forget an asset."""
+        self._file(name).unlink(missing_ok=True)
+
     def outputs(self) -> set[Path]:
         """Return the files that all recorded assets have, with links followed."""
         found = set()

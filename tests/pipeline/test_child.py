@@ -1,0 +1,157 @@
+"""Whatever happens to a worker process is the outcome of one job."""
+
+import sys
+import threading
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from aoprecalc.pipeline.child import Child
+from aoprecalc.pipeline.orders import Order
+from aoprecalc.pipeline.work import Failure, Job, Made
+from pipeline.helpers import BAKE, SPHERES, wait_until, write_ring
+
+pytestmark = [
+    pytest.mark.usefixtures("strange"),
+    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc, and names signals as Linux does"),
+]
+
+
+@pytest.fixture
+def child():
+    with closing(Child()) as child:
+        yield child
+
+
+def job(folder, name, order=None):
+    """The job of a mesh in a folder, which is made."""
+    mesh = write_ring(folder / f"{name}.obj")
+    (folder / "staging").mkdir(exist_ok=True)
+    order = order or Order(spheres=SPHERES)
+    return Job(name, mesh, f"in/{name}.obj", folder / "out", name, folder / "staging", (), order)
+
+
+def tries(of):
+    return len(Path(f"{of.mesh}.tries").read_text())
+
+
+def pids(of):
+    """The processes of an endless job: the worker and a child of its own."""
+    file = Path(f"{of.mesh}.pids")
+    wait_until(file.exists)
+    return [int(pid) for pid in file.read_text().split()]
+
+
+def gone(pid):
+    """Tell whether a process has ended; one that nobody has waited for is a zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+def test_a_job_is_done_and_its_stages_are_told(child, tmp_path):
+    stages = []
+    made = child.run(job(tmp_path, "ring", Order(BAKE, SPHERES)), stages.append)
+    assert isinstance(made, Made)
+    assert sorted(made.files) == ["ring_ao.mtl", "ring_ao.obj", "ring_ao.png", "ring_report.json", "ring_spheres.json"]
+    assert all(file.parent == tmp_path / "staging" and file.is_file() for file in made.files.values())
+    assert not (tmp_path / "out").exists()
+    assert made.summary["spheres"] == 8
+    assert "visibility" in stages
+
+
+DEATHS = {
+    "killed": "Killed, as a system does that is out of memory: use fewer --jobs or a smaller size",
+    "crashed": "Segmentation fault",
+    "left": "exit status 3; it said 'no wood; plant trees'",
+}
+
+
+@pytest.mark.parametrize("name", DEATHS)
+def test_a_process_that_dies_is_tried_again_and_then_a_failure(name, child, tmp_path):
+    stages, dying = [], job(tmp_path, name)
+    failure = child.run(dying, stages.append, retries=1)
+    assert isinstance(failure, Failure)
+    assert (failure.kind, failure.exit_code) == ("crash", 1)
+    assert failure.message == f"in/{name}.obj: its process died ({DEATHS[name]})"
+    assert tries(dying) == 2
+    assert any(stage.startswith("again") for stage in stages)
+    assert isinstance(child.run(job(tmp_path, "ring"), stages.append), Made)
+
+
+def test_what_is_not_tried_again_is_not_said_to_be(child, tmp_path):
+    stages, dying = [], job(tmp_path, "crashed")
+    child.run(dying, stages.append, retries=0)
+    assert tries(dying) == 1
+    assert not any(stage.startswith("again") for stage in stages)
+
+
+def test_the_second_try_may_do_it(child, tmp_path):
+    once = job(tmp_path, "once")
+    made = child.run(once, lambda stage: None, retries=1)
+    assert isinstance(made, Made)
+    assert tries(once) == 2
+    assert list(made.files) == ["once_spheres.json"]
+
+
+def test_what_is_refused_is_not_tried_again(child, tmp_path):
+    refused = job(tmp_path, "ring")
+    refused.mesh.write_text("")
+    failure = child.run(refused, lambda stage: None, retries=3)
+    assert (failure.kind, failure.exit_code) == ("error", 4)
+    assert failure.message.startswith("in/ring.obj: is empty")
+    assert tries(refused) == 1
+    assert list((tmp_path / "staging").iterdir()) == []
+
+
+def test_a_fault_of_ours_is_one_line_with_its_traceback_apart(child, tmp_path):
+    faulty = job(tmp_path, "faulty")
+    failure = child.run(faulty, lambda stage: None, retries=3)
+    assert (failure.kind, failure.exit_code) == ("error", 1)
+    said = "ZeroDivisionError: in in/faulty.obj of two lines"
+    assert failure.message == f"in/faulty.obj: {said}; this is a fault of aoprecalc"
+    assert failure.details.startswith("Traceback ")
+    assert tries(faulty) == 1
+
+
+def test_what_libraries_print_disturbs_nothing(child, tmp_path, capfd):
+    assert isinstance(child.run(job(tmp_path, "loud"), lambda stage: None), Made)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_time_out_ends_the_process_and_its_own_children(child, tmp_path):
+    child.run(job(tmp_path, "ring"), lambda stage: None)  # it has begun, so that the time is that of the job alone
+    endless = job(tmp_path, "endless")
+    failure = child.run(endless, lambda stage: None, timeout=2, retries=3)
+    assert failure.kind == "timeout"
+    assert failure.message == "in/endless.obj: took longer than 2 s; allow more (--timeout) or ask for less"
+    assert tries(endless) == 1
+    for pid in pids(endless):
+        wait_until(lambda pid=pid: gone(pid))
+    assert isinstance(child.run(job(tmp_path, "ring"), lambda stage: None), Made)
+
+
+def test_stopping_ends_the_process_and_its_own_children(child, tmp_path):
+    endless, outcomes, stop = job(tmp_path, "endless"), [], threading.Event()
+    thread = threading.Thread(target=lambda: outcomes.append(child.run(endless, lambda stage: None, stop=stop)))
+    thread.start()
+    begun = pids(endless)
+    child.close_if_idle()  # which it is not
+    assert not any(map(gone, begun))
+    stop.set()
+    thread.join()
+    assert (outcomes[0].kind, outcomes[0].message) == ("stopped", "in/endless.obj: was stopped")
+    for pid in begun:
+        wait_until(lambda pid=pid: gone(pid))
+
+
+def test_a_worker_ends_when_it_is_closed(tmp_path):
+    child = Child()
+    child.run(job(tmp_path, "ring"), lambda stage: None)
+    pid = child._process.pid
+    assert not gone(pid)
+    child.close()
+    assert gone(pid)
+    child.close()

@@ -1,0 +1,311 @@
+"""Manifests: what they say of each asset, and what is said where they make no sense."""
+
+import pytest
+
+from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.pipeline import plan
+from aoprecalc.pipeline.orders import Order
+from pipeline.helpers import contents, error_of, run, write_ring
+
+DEFAULT = Order(bake=BakeOptions())
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with files that are not read; the present folder is another."""
+    for file in ("rock.obj", "props/chair.obj", "props/old/chair.obj", "props/table.ply"):
+        (tmp_path / "game" / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "game" / file).touch()
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    return tmp_path / "game"
+
+
+@pytest.fixture
+def planned(here):
+    """planned(text, output) -> name -> asset, and the output folder, of a manifest of that text."""
+
+    def plan_text(text, output=None):
+        (here / "batch.toml").write_text(text, encoding="utf-8")
+        assets, folder = plan(["../game/batch.toml"], output, None)
+        return {asset.name: asset for asset in assets}, folder
+
+    return plan_text
+
+
+def orders(planned, text):
+    """The order of each asset, by its name."""
+    return {name: asset.order for name, asset in planned('output = "out"\n' + text)[0].items()}
+
+
+def test_all_paths_count_from_its_folder(planned, here):
+    text = 'inputs = ["props/*"]\noutput = "built"\nbake = true\n[[asset]]\nmesh = "../game/rock.obj"\n'
+    assets, output = planned(text)
+    assert output.resolve() == here / "built"
+    found = {name: asset.mesh.resolve() for name, asset in assets.items()}
+    assert found == {
+        "rock": here / "rock.obj",
+        "props/chair": here / "props/chair.obj",
+        "props/table": here / "props/table.ply",
+    }
+    assert str(assets["props/chair"].mesh) == "../game/props/chair.obj"
+
+
+def test_another_output_counts_from_the_present_folder(planned):
+    assert str(planned('inputs = "*.obj"\noutput = "built"\nbake = true\n', "here")[1]) == "here"
+
+
+def test_absolute_paths_are_themselves(planned, here):
+    assets, output = planned(f"inputs = ['{here}/props/*.ply']\noutput = '{here}/built'\nbake = true\n")
+    assert {name: asset.mesh for name, asset in assets.items()} == {"table": here / "props/table.ply"}
+    assert output == here / "built"
+
+
+def test_its_own_folder_may_have_any_name(planned, here):
+    odd = here.rename(here.parent / "game [v2]")
+    (odd / "batch.toml").write_text('inputs = ["*.obj", "missing.obj"]\noutput = "out"\nbake = true\n')
+    assets, _ = plan([str(odd / "batch.toml")], None, None)
+    assert [asset.name for asset in assets] == ["rock", "missing"]
+
+
+def test_a_byte_order_mark_is_no_fault(planned):
+    assert list(planned('\ufeffinputs = "*.obj"\noutput = "out"\nbake = true\n')[0]) == ["rock"]
+
+
+def test_defaults_are_for_all(planned):
+    text = 'inputs = "**/*"\n[bake]\nsize = "512x256"\ntexture = ".exr"\n[spheres]\nspheres = 20\nformat = ".csv"\n'
+    expected = Order(BakeOptions(512, 256), SphereOptions(20), texture=".exr", set=".csv")
+    assert orders(planned, text) == dict.fromkeys(["rock", "props/chair", "props/old/chair", "props/table"], expected)
+
+
+@pytest.mark.parametrize("text", ["bake = true\n", "[bake]\n", "bake = {}\nspheres = false\n"])
+def test_true_and_an_empty_table_are_the_defaults(text, planned):
+    assert orders(planned, f'inputs = "*.obj"\n{text}') == {"rock": DEFAULT}
+
+
+def test_exclude_leaves_out(planned):
+    text = 'inputs = "**/*"\nbake = true\nexclude = '
+    assert list(orders(planned, text + '"props/*"')) == ["rock"]
+    assert list(orders(planned, text + '["*/old/*", "rock.*"]')) == ["props/chair", "props/table"]
+    assert list(orders(planned, text + '"chair.obj"')) == ["props/chair", "props/old/chair", "props/table", "rock"]
+
+
+OVERRIDES = """
+inputs = "**/*"
+[bake]
+directions = 64
+padding = 4
+[[override]]
+match = "props/*"
+bake = {directions = 128, fill = "none"}
+[[override]]
+match = "*chair*"
+bake = {directions = 256}
+spheres = {spheres = 9}
+[[override]]
+match = "*/old/*"
+bake = false
+"""
+
+
+def test_later_overrides_win_key_by_key(planned):
+    chair = {"padding": 4, "directions": 256, "fill": "none"}
+    assert orders(planned, OVERRIDES) == {
+        "rock": Order(BakeOptions(directions=64, padding=4)),
+        "props/table": Order(BakeOptions(directions=128, padding=4, fill="none")),
+        "props/chair": Order(BakeOptions(**chair), SphereOptions(9)),
+        "props/old/chair": Order(None, SphereOptions(9)),
+    }
+
+
+def test_overrides_win_however_their_keys_are_spelt(planned):
+    spellings = ("shadow_size = 64", "shadow-size = 128", "shadow_size = 256")
+    text = 'inputs = "*.obj"\n[bake]\nshadow-size = 32\n'
+    for spelling in spellings:
+        text += f'[[override]]\nmatch = "*"\nbake = {{{spelling}}}\n'
+    assert orders(planned, text) == {"rock": Order(BakeOptions(shadow_size=256))}
+
+
+# bake of all, then of two overrides -> what is baked in the end
+SWITCHES = {
+    "off": ("{padding = 4}", "false", None, None),
+    "off and on again, as before": ("{padding = 4}", "false", "true", BakeOptions(padding=4)),
+    "off and on with more": ("{padding = 4}", "false", "{directions = 64}", BakeOptions(padding=4, directions=64)),
+    "off for all, on for some": ("false", "true", None, BakeOptions()),
+    "off for all, on for some with a table": ("false", "{padding = 4}", None, BakeOptions(padding=4)),
+    "on, which it is": ("{padding = 4}", "{directions = 64}", "true", BakeOptions(padding=4, directions=64)),
+}
+
+
+@pytest.mark.parametrize("case", SWITCHES)
+def test_false_is_none_and_true_is_the_default(case, planned):
+    first, *others, bake = SWITCHES[case]
+    text = f'inputs = "*.obj"\nspheres = true\nbake = {first}\n'
+    for other in filter(None, others):
+        text += f'[[override]]\nmatch = "rock.obj"\nbake = {other}\n'
+    assert orders(planned, text) == {"rock": Order(bake, SphereOptions())}
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("tolerance = 0.05", {"tolerance": 0.05}),
+        ("levels = [2, 8]", {"levels": (2, 8)}),
+        ("levels = '2,8'", {"levels": (2, 8)}),
+        ("spheres = 7", {"spheres": 7}),
+    ],
+)
+@pytest.mark.parametrize("before", ["tolerance = 0.1", "levels = [3, 9]", "spheres = 5"])
+def test_how_many_spheres_is_what_was_said_last(before, said, meant, planned):
+    text = f'inputs = "*.obj"\n[spheres]\nseed = 3\n{before}\n[[override]]\nmatch = "*"\nspheres = {{{said}}}\n'
+    assert orders(planned, text) == {"rock": Order(spheres=SphereOptions(seed=3, **meant))}
+
+
+def test_single_assets_have_names_and_options_of_their_own(planned, here):
+    text = """
+        inputs = "**/*"
+        exclude = ["rock.obj"]
+        bake = {padding = 4}
+        [[override]]
+        match = "*"
+        bake = {directions = 64}
+        [[asset]]
+        mesh = "rock.obj"
+        name = "nature/stone"
+        bake = {directions = 256}
+        [[asset]]
+        mesh = "./props/table.ply"
+        bake = false
+        spheres = true
+        """
+    usual = Order(BakeOptions(padding=4, directions=64))
+    assert orders(planned, text) == {
+        "nature/stone": Order(BakeOptions(padding=4, directions=256)),
+        "props/table": Order(spheres=SphereOptions()),
+        "props/chair": usual,
+        "props/old/chair": usual,
+    }
+    assets, _ = planned('output = "out"\n' + text)
+    assert assets["nature/stone"].mesh.resolve() == here / "rock.obj"
+    assert (assets["nature/stone"].folder, assets["nature/stone"].stem) == ("nature", "stone")
+
+
+def test_an_asset_alone_needs_no_inputs(planned):
+    assert orders(planned, '[[asset]]\nmesh = "rock.obj"\nspheres = {spheres = 3}\n') == {
+        "rock": Order(spheres=SphereOptions(3))
+    }
+
+
+def test_what_is_said_of_no_asset_does_not_matter(planned):
+    """An override that fits nothing is no fault: overrides outlive files."""
+    text = 'inputs = "rock.obj"\nbake = true\n[[override]]\nmatch = "gone/*"\nbake = {directions = 64}\n'
+    assert orders(planned, text) == {"rock": DEFAULT}
+
+
+GOOD = 'inputs = "*.obj"\noutput = "out"\n'
+WRONG = {
+    "no TOML": ("inputs = [", 4, "is no TOML ("),
+    "no text": (b"\xff\xfe\x00", 4, "is no TOML ("),
+    "nothing": ("", 2, "says nothing about bake or spheres"),
+    "nothing to make": (GOOD, 2, "says nothing about bake or spheres"),
+    "nothing for an asset": (f"{GOOD}bake = false\n", 2, "rock.obj: neither bake nor spheres is asked for"),
+    "no output": ('inputs = "*.obj"\nbake = true\n', 2, 'names no output folder; add output = "build"'),
+    "no inputs": ('output = "out"\nbake = true\n', 4, "names no meshes"),
+    "all left out": (f'{GOOD}bake = true\nexclude = "*"\n', 4, "leaves out all meshes"),
+    "a pattern that fits nothing": ('inputs = "*.stl"\noutput = "out"\nbake = true\n', 4, "*.stl: fits no mesh"),
+    "an unknown key": (f"{GOOD}bake = true\njobs = 4\n", 2, "'jobs' at the top is not known, one of inputs"),
+    "an unknown key of an override": (
+        f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nname = "x"\n', 2, "'name' in [[override]] is not known"
+    ),
+    "an unknown key of an asset": (
+        f'{GOOD}bake = true\n[[asset]]\nmesh = "rock.obj"\nmatch = "x"\n', 2, "'match' in [[asset]] is not known"
+    ),
+    "an unknown option": (f"{GOOD}[bake]\nsise = 9\n", 2, "rock.obj: 'sise' is no option, one of backend"),
+    "a wrong value": (f"{GOOD}[bake]\ndirections = 0\n", 2, "rock.obj: --directions is 0; expected a whole number"),
+    "a wrong value in an override": (
+        f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nspheres = {{seed = -1}}\n', 2, "rock.obj: --seed is -1"
+    ),
+    "two spellings of a key": (f"{GOOD}[bake]\nshadow-size = 64\nshadow_size = 64\n", 2, "shadow-size is given twice"),
+    "inputs that are numbers": ('inputs = [1]\noutput = "out"\nbake = true\n', 2, "inputs is [1]; expected a list"),
+    "an output that is a number": ('inputs = "*.obj"\noutput = 1\nbake = true\n', 2, "output is 1; expected a text"),
+    "a bake that is a text": (f'{GOOD}bake = "yes"\n', 2, "bake is 'yes'; expected a table"),
+    "overrides in one table": (f'{GOOD}bake = true\n[override]\nmatch = "*"\n', 2, "write [[override]] above each"),
+    "an override of nothing": (f"{GOOD}bake = true\n[[override]]\nbake = false\n", 2, "match is missing"),
+    "an asset without a mesh": (f'{GOOD}bake = true\n[[asset]]\nname = "x"\n', 2, "mesh is missing"),
+    "an asset that is a pattern": (f'{GOOD}bake = true\n[[asset]]\nmesh = "r*.obj"\n', 2, "'r*.obj', one file was"),
+    "an asset that is a folder": (f'{GOOD}bake = true\n[[asset]]\nmesh = "props"\n', 2, "'props', one file was"),
+    "an asset said twice": (
+        f'{GOOD}bake = true\n[[asset]]\nmesh = "rock.obj"\n[[asset]]\nmesh = "./rock.obj"\n', 2, "two [[asset]]"
+    ),
+    "a name that others have": (
+        'inputs = "props/*"\noutput = "out"\nbake = true\n[[asset]]\nmesh = "props/table.ply"\nname = "chair"\n',
+        2,
+        "would both be written as chair",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_makes_no_sense_is_one_line_of_error(case, here, command):
+    text, code, words = WRONG[case]
+    (here / "batch.toml").write_bytes(text if isinstance(text, bytes) else text.encode())
+    before = contents(here)
+    done = command("batch", "../game/batch.toml")
+    assert done.returncode == code
+    assert words in error_of(done)
+    assert "../game/" in error_of(done)
+    assert done.stdout == ""
+    assert contents(here) == before
+    assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../rock", "props/../../rock", "/rock", "", ".", "..", "props/", "props//rock", "./rock", "props/./rock", "/"]
+    + ["a\\u0000b", "a\\nb", ".aoprecalc/assets/rock", " "],
+)
+def test_names_stay_in_the_output_folder(name, here, command):
+    (here / "batch.toml").write_text(f'output = "out"\nbake = true\n[[asset]]\nmesh = "rock.obj"\nname = "{name}"\n')
+    done = command("batch", "../game/batch.toml")
+    assert done.returncode == 2
+    assert "expected one below the output folder, such as props/rock" in error_of(done)
+
+
+@pytest.mark.parametrize("manifest", ["missing.toml", "props.toml"])
+def test_a_manifest_that_cannot_be_read(manifest, here, command):
+    (here / "props.toml").mkdir()
+    done = command("batch", here / manifest)
+    assert done.returncode == 4
+    assert "cannot be read (" in error_of(done)
+    assert "a manifest was expected" in error_of(done)
+
+
+@pytest.mark.parametrize("words", [["--bake", "-n 64"], ["--spheres", ""]])
+def test_what_a_manifest_says_is_not_said_beside_it(words, here, command):
+    (here / "batch.toml").write_text(f"{GOOD}bake = true\n")
+    done = command("batch", here / "batch.toml", *words)
+    assert done.returncode == 2
+    assert "is a manifest and says itself what is made" in error_of(done)
+
+
+def test_a_manifest_from_another_folder_makes_what_it_says(tmp_path):
+    write_ring(tmp_path / "game/props/ring.obj")
+    write_ring(tmp_path / "game/stone.obj")
+    (tmp_path / "game/batch.toml").write_text("""
+        inputs = ["props/*"]
+        output = "../built"
+        bake = {size = 64, directions = 64, texture = ".tif", mesh = ".glb"}
+        [[asset]]
+        mesh = "stone.obj"
+        name = "nature/rock"
+        bake = false
+        spheres = {spheres = 8, samples = 500, format = ".csv"}
+        """)
+    done = run(tmp_path, "batch", "game/batch.toml", "-q")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(contents(tmp_path / "built")) == [
+        "nature/rock_spheres.csv",
+        "props/ring_ao.glb",
+        "props/ring_ao.tif",
+        "props/ring_report.json",
+    ]
