@@ -1,0 +1,183 @@
+"""Batches on a Dask cluster of several worker processes on this machine."""
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import pytest
+
+from aoprecalc import BakeOptions, BatchOptions, SphereOptions, batch
+from aoprecalc.errors import AoprecalcError, UsageError
+from aoprecalc.pipeline import Watcher, cluster
+from aoprecalc.pipeline.remote import Place
+from pipeline.helpers import contents, without_times, write_ring
+
+distributed = pytest.importorskip("distributed")
+
+
+def files(folder):
+    return without_times(contents(folder))
+
+
+BAKE, SPHERES = BakeOptions(64, 64, directions=128), SphereOptions(8, samples=500)
+NAMES = ["a", "b", "c", "deep/d", "deep/e"]
+
+# Dask leaves threads and sockets of a closed cluster to the garbage collector.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("meshes")
+    for number, name in enumerate(NAMES):
+        write_ring(folder / f"{name}.obj", minor=0.2 + 0.1 * number)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def expected(meshes, tmp_path_factory):
+    """What a batch in processes of this machine makes."""
+    folder = tmp_path_factory.mktemp("expected")
+    assert batch(meshes, folder, bake=BAKE, spheres=SPHERES).passed
+    return files(folder)
+
+
+@pytest.fixture
+def two_workers():
+    """A cluster of two processes; of its own for each test, as tests may kill them."""
+    nanny = {"nthreads": 1, "dashboard_address": None}
+    workers = {
+        "gpu": {"cls": distributed.Nanny, "options": {**nanny, "resources": {"GPU": 1}}},
+        "cpu": {"cls": distributed.Nanny, "options": nanny},
+    }
+    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "port": 0}}
+    with distributed.SpecCluster(workers=workers, scheduler=scheduler, silence_logs=50) as made:
+        yield made
+
+
+class Ends(Watcher):
+    """Notes what became of the assets, in the order of the news."""
+
+    def __init__(self):
+        self.results = []
+
+    def end(self, result):
+        self.results.append(result)
+
+
+def on(cluster, meshes, output, bake=BAKE, watcher=None, **options):
+    chosen = BatchOptions(scheduler=cluster.scheduler_address, **options)
+    return batch(meshes, output, bake=bake, spheres=SPHERES, options=chosen, watcher=watcher)
+
+
+@pytest.mark.parametrize("ship", ["folder", "bytes"])
+def test_a_cluster_makes_the_same_bytes(two_workers, meshes, expected, tmp_path, ship):
+    watcher = Ends()
+    assert on(two_workers, meshes, tmp_path, ship=ship, watcher=watcher).passed
+    assert files(tmp_path) == expected
+    assert sorted(result.asset.name for result in watcher.results) == NAMES
+
+
+def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, meshes, expected, tmp_path):
+    killed, done = [], threading.Event()
+
+    def kill():
+        with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
+            processes = client.run(os.getpid)
+            while not (killed or done.is_set()):
+                busy = [address for address, keys in client.processing().items() if keys]
+                killed.extend(processes[address] for address in busy[:1])
+                time.sleep(0.01)
+            os.kill(killed[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    watcher = Ends()
+    try:
+        result = on(two_workers, meshes, tmp_path, watcher=watcher)
+    finally:
+        done.set()
+        killer.join()
+    assert killed
+    assert result.passed
+    assert files(tmp_path) == expected
+    assert sorted(result.asset.name for result in watcher.results) == NAMES
+
+
+def test_bakes_go_where_gpus_are_offered(two_workers, meshes, tmp_path):
+    with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
+        client.get_task_stream()  # from now on they are noted
+        assert on(two_workers, meshes, tmp_path).passed
+        places = {task["worker"] for task in client.get_task_stream() if task["key"].startswith("work_in_folder")}
+    assert places == {two_workers.workers["gpu"].worker_address}
+
+
+@pytest.mark.parametrize("way", [{}, {"target_error": 0.02, "directions": 1024}, {"two_sided": True}], ids=str)
+def test_a_bake_that_is_split_has_the_same_bytes(two_workers, meshes, tmp_path, way):
+    bake = BakeOptions(**{"width": 64, "height": 64, "directions": 300, **way})
+    alone = batch(meshes / "deep", tmp_path / "alone", bake=bake)
+    split = on(two_workers, meshes / "deep", tmp_path / "split", bake=bake, split=True)
+    assert alone.passed
+    assert split.passed
+    made, expected = files(tmp_path / "split"), files(tmp_path / "alone")
+    assert {name: made[name] for name in expected} == expected
+
+
+def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
+    write_ring(tmp_path / "in" / "whole.obj")
+    (tmp_path / "in" / "broken.obj").write_text("f 1 2 3\n")
+    result = on(two_workers, tmp_path / "in", tmp_path / "out", ship="bytes")
+    assert [found.status for found in result.results] == ["failed", "made"]
+    message = result.results[0].failure.message
+    assert message.startswith(f"{tmp_path}/in/broken.obj: a face refers to v 1, but there are 0")
+
+
+def test_an_address_without_a_cluster_is_one_line(meshes, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    options = BatchOptions(scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(AoprecalcError, match="no cluster with workers answers there") as failure:
+        batch(meshes, tmp_path, bake=BAKE, options=options)
+    assert "\n" not in str(failure.value)
+
+
+def test_without_dask_the_extra_is_named(meshes, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError, match=r"aoprecalc\[cluster\]"):
+        batch(meshes, tmp_path, bake=BAKE, options=BatchOptions(scheduler="tcp://127.0.0.1:9"))
+
+
+class FakeClient:
+    """A cluster whose worker is as told."""
+
+    def __init__(self, **place):
+        self.place = Place(
+            **{"version": cluster.__version__, "host": "far", "cores": 8, "gpus": 0, "sees": True, **place}
+        )
+
+    def run(self, function, *words):
+        return {"tcp://far:1": self.place}
+
+    def nthreads(self):
+        return {"tcp://far:1": 3}
+
+
+def test_another_version_on_a_worker_is_an_error():
+    with pytest.raises(AoprecalcError, match=r"worker tcp://far:1 has aoprecalc 0\.0\.1"):
+        cluster.ClusterCrew(FakeClient(version="0.0.1"), BatchOptions())
+
+
+def test_jobs_share_the_cores_of_their_machine():
+    assert cluster.ClusterCrew(FakeClient(), BatchOptions()).threads == 2
+
+
+def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
+    crew = cluster.ClusterCrew(FakeClient(sees=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
+    with pytest.raises(AoprecalcError, match="not all workers see"):
+        next(crew.run([FakeJob(tmp_path)]))
+
+
+class FakeJob:
+    def __init__(self, folder):
+        self.staging = self.folder = folder
