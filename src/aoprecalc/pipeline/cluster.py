@@ -67,21 +67,28 @@ class ClusterCrew:
 
         send = self._sender(jobs)
         left = iter(jobs)
+        waiting = {job.name: job for job in jobs}  # that have no outcome yet
         under_way: dict[Any, Job] = {}
         done = as_completed(loop=self._client.loop)
         try:
-            while True:
-                for job in islice(left, max(0, self._slots() + _AHEAD - len(under_way))):
-                    future = send(job)
-                    under_way[future] = job
-                    done.add(future)
-                if not under_way:
+            while waiting:
+                try:
+                    for job in islice(left, max(0, self._slots() + _AHEAD - len(under_way))):
+                        future = send(job)
+                        under_way[future] = job
+                        done.add(future)
+                    future = next(done)
+                except Exception as error:  # whatever a client raises whose scheduler is gone
+                    reason = f"the cluster was lost ({' '.join(str(error).split())[:160]})"
+                    for job in waiting.values():
+                        yield Event(job, outcome=Failure("crash", f"{job.shown}: {reason}"))
                     return
-                future = next(done)
                 job = under_way.pop(future)
+                del waiting[job.name]
                 yield Event(job, outcome=_outcome(job, future))
         finally:
-            self._client.cancel(list(under_way))
+            with suppress(Exception):
+                self._client.cancel(list(under_way))
 
     def leave(self) -> None:
         """End what is under way, and the processes."""
