@@ -92,13 +92,12 @@ def wait_until(true):
 
 
 def running_in(folder):
-    """The processes that have a name below a folder among the words of their command, or work in it."""
+    """The processes whose present folder is that, but for this one."""
     found = []
     for process in Path("/proc").iterdir():
         try:
-            words = (process / "cmdline").read_bytes().decode(errors="replace")
-            if process.name.isdigit() and (str(folder) in words or Path(os.readlink(process / "cwd")) == folder):
+            if process.name.isdigit() and Path(os.readlink(process / "cwd")) == folder:
                 found.append(int(process.name))
         except OSError:  # it ended at this moment, or has ended and nobody has asked
             continue
-    return found
+    return [process for process in found if process != os.getpid()]

@@ -7,7 +7,7 @@ import pytest
 from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline import batch, plan
 from aoprecalc.pipeline.orders import Order
-from pipeline.helpers import SPHERES, contents, said, statuses, write_ring
+from pipeline.helpers import BAKE, SPHERES, contents, said, statuses, write_ring
 
 FILES = [
     "rock.obj",
@@ -135,7 +135,7 @@ def test_outputs_are_no_inputs_of_the_next_batch(output, tmp_path, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     write_ring(tmp_path / "assets/ring.obj")
     write_ring(tmp_path / "assets/props/ring.obj")
-    options = {"bake": BakeOptions(64, 64, directions=64), "spheres": SPHERES}
+    options = {"bake": BAKE, "spheres": SPHERES}
     first = batch("assets", output, **options)
     assert statuses(first) == {"ring": "made", "props/ring": "made"}
     before = contents(tmp_path)
@@ -144,18 +144,35 @@ def test_outputs_are_no_inputs_of_the_next_batch(output, tmp_path, monkeypatch, 
     assert contents(tmp_path) == before
 
 
-def test_an_output_that_is_named_is_an_input(tmp_path, monkeypatch, crew):
+def test_not_even_where_a_shell_has_named_them(tmp_path, monkeypatch, crew):
+    """As it does for a pattern without quotes."""
     monkeypatch.chdir(tmp_path)
     write_ring(tmp_path / "ring.obj")
-    batch("ring.obj", "made", bake=BakeOptions(64, 64, directions=64))
-    assert statuses(batch("made/ring_ao.obj", "made", spheres=SPHERES)) == {"ring_ao": "made"}
+    batch("ring.obj", ".", bake=BAKE)
+    named = sorted(path.name for path in tmp_path.glob("*.obj"))
+    assert named == ["ring.obj", "ring_ao.obj"]
+    assert statuses(batch(named, ".", bake=BAKE)) == {"ring": "unchanged"}
+    message, code = said(plan, ["ring_ao.obj"], ".", None)
+    assert code == 4
+    assert message.startswith("ring_ao.obj: made by a batch, ")
+
+
+@pytest.mark.parametrize("folder", ["in/props/made", "in/props", "in"])
+def test_outputs_of_another_batch_are_no_inputs_and_hide_none(folder, tmp_path, monkeypatch, crew):
+    """They may lie apart, or among the meshes, of which it has had some or all."""
+    monkeypatch.chdir(tmp_path)
+    write_ring(tmp_path / "in/ring.obj")
+    write_ring(tmp_path / "in/props/ring.obj")
+    batch("in" if folder == "in" else "in/props", folder, bake=BAKE)
+    assert found("in", output="out") == {"ring": "in/ring.obj", "props/ring": "in/props/ring.obj"}
+    assert found("in/props", output="out") == {"ring": "in/props/ring.obj"}
 
 
 def test_outputs_of_an_asset_that_is_gone_are_no_inputs_either(tmp_path, monkeypatch, crew):
     monkeypatch.chdir(tmp_path)
     for name in ("ring.obj", "other.obj"):
         write_ring(tmp_path / name)
-    batch("*.obj", ".", bake=BakeOptions(64, 64, directions=64))
+    batch("*.obj", ".", bake=BAKE)
     (tmp_path / "ring.obj").unlink()
     assert list(found("*", output=".")) == ["other"]
 

@@ -1,7 +1,9 @@
 """Batches on a Dask cluster of several worker processes on this machine."""
 
+import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -132,6 +134,44 @@ def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
     assert [found.status for found in result.results] == ["failed", "made"]
     message = result.results[0].failure.message
     assert message.startswith(f"{tmp_path}/in/broken.obj: a face refers to v 1, but there are 0")
+
+
+def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch):
+    """The scheduler and the worker die of SIGKILL while a bake is under way; each asset still has its outcome."""
+    monkeypatch.setattr(cluster, "_PATIENCE", 3)
+    file = tmp_path / "scheduler.json"
+
+    def dask(module, *words):
+        command = [sys.executable, "-m", f"distributed.cli.{module}", "--scheduler-file", file, *words]
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    scheduler = dask("dask_scheduler", "--port", "0", "--no-dashboard")
+    worker = dask("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    try:
+        while not file.exists() or not file.read_text():
+            time.sleep(0.05)
+        address = json.loads(file.read_text())["address"]
+
+        class Kills(Ends):
+            def end(self, result):
+                super().end(result)
+                scheduler.kill()
+                worker.kill()
+
+        with dask_config.set({"distributed.comm.timeouts.connect": "1s"}):
+            watcher = Kills()
+            result = batch(
+                meshes, tmp_path / "out", bake=BAKE, options=BatchOptions(scheduler=address), watcher=watcher
+            )
+    finally:
+        scheduler.kill()
+        worker.kill()
+        scheduler.wait()
+        worker.wait()
+    assert sorted(found.asset.name for found in watcher.results) == NAMES
+    assert watcher.results[0].status == "made"
+    assert watcher.results[-1].failure.kind == "crash"
+    assert not result.passed
 
 
 def test_an_address_without_a_cluster_is_one_line(meshes, tmp_path, monkeypatch):

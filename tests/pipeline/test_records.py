@@ -211,6 +211,30 @@ def test_other_files_in_the_folder_do_not_go(made):
     assert (made / "notes.txt").read_text() == "mine"
 
 
+def test_what_is_made_of_no_mesh_any_more_goes_where_that_is_asked_for(made, rings, crew):
+    (rings / "a.obj").unlink()
+    assert make() == {"b": "unchanged"}
+    assert list(contents(made)) == ["a_spheres.json", "b_spheres.json"]
+    assert make(prune=True) == {"b": "unchanged"}
+    assert list(contents(made)) == ["b_spheres.json"]
+    assert crew.jobs == []
+
+
+def test_what_the_user_has_changed_is_not_pruned(made, rings):
+    (rings / "a.obj").unlink()
+    (made / "a_spheres.json").write_text("mine")
+    (made / "notes.txt").write_text("mine")
+    make(prune=True)
+    assert list(contents(made)) == ["a_spheres.json", "b_spheres.json", "notes.txt"]
+
+
+def test_the_outputs_of_a_failure_are_not_pruned(made, rings):
+    before = contents(made)
+    (rings / "a.obj").write_text("")
+    assert make(prune=True) == {"a": "failed", "b": "unchanged"}
+    assert contents(made) == before
+
+
 @pytest.mark.parametrize("text", ["", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "v 0 0 0\n", None])
 def test_a_failure_leaves_earlier_outputs_as_they_were(text, made, rings, crew):
     before = contents(made)
