@@ -158,11 +158,8 @@ def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch)
                 scheduler.kill()
                 worker.kill()
 
-        with dask_config.set({"distributed.comm.timeouts.connect": "1s"}):
-            watcher = Kills()
-            result = batch(
-                meshes, tmp_path / "out", bake=BAKE, options=BatchOptions(scheduler=address), watcher=watcher
-            )
+        watcher = Kills()
+        result = batch(meshes, tmp_path / "out", bake=BAKE, options=BatchOptions(scheduler=address), watcher=watcher)
     finally:
         scheduler.kill()
         worker.kill()
