@@ -15,7 +15,7 @@ _NAME = 48  # columns of a name at most
 
 
 class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
-    """Shows the assets under way on a terminal, and prints a line for each that ends. All on stderr."""
+    """Shows the assets under way on a terminal; in a log, prints a line for each that ends. All on stderr."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         """Show nothing until there is something to show."""
@@ -52,10 +52,10 @@ class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
         self._running[asset.name] = (name, began)
 
     def end(self, result: Result) -> None:
-        """Count a result and print its line, unless nothing was to be done."""
+        """Count a result, and print its line in a log; above a live table only failures have one."""
         self._running.pop(result.asset.name, None)
         self._counts[result.status] = self._counts.get(result.status, 0) + 1
-        if result.status in ("made", "cached", "failed"):
+        if result.status == "failed" or (self._live is None and result.status in ("made", "cached")):
             done = sum(self._counts.values())
             head = f"[{done:>{len(str(self._total))}}/{self._total}] {result.status:<7} {result.seconds:6.1f} s"
             self._say(f"{head}  {result.asset.name}")

@@ -61,7 +61,10 @@ def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str
             kinds = ", ".join(f".{kind}" for kind in READERS)
             raise InputError(f"{path}: fits no mesh, one of {kinds} was expected; check the pattern")
         for mesh in fitting:
-            found.setdefault(os.path.abspath(mesh), mesh)
+            if not made(mesh):
+                found.setdefault(os.path.abspath(mesh), mesh)
+    if patterns and not found:
+        raise InputError(f"{', '.join(patterns)}: made by a batch, or in its output folder; name what is to be made")
     return list(found.values())
 
 
