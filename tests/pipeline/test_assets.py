@@ -34,7 +34,7 @@ def here(tmp_path, monkeypatch):
 
 def found(*patterns, output="../out"):
     """Name -> mesh, as a batch would find them."""
-    return {asset.name: asset.mesh.as_posix() for asset in plan(patterns, output, None)[0]}
+    return {asset.name: asset.mesh.as_posix() for asset in plan(patterns, output, None).assets}
 
 
 PATTERNS = {
@@ -178,7 +178,7 @@ def test_outputs_of_an_asset_that_is_gone_are_no_inputs_either(tmp_path, monkeyp
 
 
 def test_a_bake_is_made_where_nothing_is_said(here):
-    (asset,) = plan(["rock.obj"], "../out", None)[0]
+    (asset,) = plan(["rock.obj"], "../out", None).assets
     assert asset.order == Order(bake=BakeOptions())
 
 

@@ -81,10 +81,14 @@ def test_its_results_are_those_of_the_single_commands(here):
     assert single.keys() == batched.keys()
     for name, data in batched.items():
         if name.endswith("_report.json"):
-            apart = {"outputs": None}  # beside each other, or in the present folder
-            assert {**data, **apart} == {**single[name], **apart}
+            assert without_paths(data) == without_paths(single[name])
         else:
             assert data == single[name], name
+
+
+def without_paths(report):
+    """A report of a bake without its paths, which count from other folders in a batch."""
+    return {**report, "outputs": None, "input": {**report["input"], "path": None}}
 
 
 def test_json_is_all_that_is_on_standard_output(here):

@@ -27,8 +27,8 @@ def planned(here):
 
     def plan_text(text, output=None):
         (here / "batch.toml").write_text(text, encoding="utf-8")
-        assets, folder = plan(["../game/batch.toml"], output, None)
-        return {asset.name: asset for asset in assets}, folder
+        made = plan(["../game/batch.toml"], output, None)
+        return {asset.name: asset for asset in made.assets}, made.output
 
     return plan_text
 
@@ -45,10 +45,20 @@ def test_all_paths_count_from_its_folder(planned, here):
     found = {name: asset.mesh.resolve() for name, asset in assets.items()}
     assert found == {
         "rock": here / "rock.obj",
-        "props/chair": here / "props/chair.obj",
-        "props/table": here / "props/table.ply",
+        "chair": here / "props/chair.obj",
+        "table": here / "props/table.ply",
     }
-    assert str(assets["props/chair"].mesh) == "../game/props/chair.obj"
+    assert str(assets["chair"].mesh) == "../game/props/chair.obj"
+
+
+def test_an_override_that_fits_nothing_is_told(here):
+    text = 'inputs = "*.obj"\noutput = "out"\nbake = true\n[[override]]\nmatch = "{}"\nbake.size = 64\n'
+    manifest = here / "batch.toml"
+    manifest.write_text(text.format("prosp/*"))
+    (line,) = plan([str(manifest)], None, None).warnings
+    assert line == f"{manifest}: the [[override]] of 'prosp/*' fits none of its meshes"
+    manifest.write_text(text.format("ro*"))
+    assert plan([str(manifest)], None, None).warnings == ()
 
 
 def test_another_output_counts_from_the_present_folder(planned):
@@ -64,7 +74,7 @@ def test_absolute_paths_are_themselves(planned, here):
 def test_its_own_folder_may_have_any_name(planned, here):
     odd = here.rename(here.parent / "game [v2]")
     (odd / "batch.toml").write_text('inputs = ["*.obj", "missing.obj"]\noutput = "out"\nbake = true\n')
-    assets, _ = plan([str(odd / "batch.toml")], None, None)
+    assets = plan([str(odd / "batch.toml")], None, None).assets
     assert [asset.name for asset in assets] == ["rock", "missing"]
 
 
@@ -305,7 +315,7 @@ def test_a_manifest_from_another_folder_makes_what_it_says(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert list(contents(tmp_path / "built")) == [
         "nature/rock_spheres.csv",
-        "props/ring_ao.glb",
-        "props/ring_ao.tif",
-        "props/ring_report.json",
+        "ring_ao.glb",
+        "ring_ao.tif",
+        "ring_report.json",
     ]

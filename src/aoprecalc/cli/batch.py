@@ -98,18 +98,18 @@ def batch(
     order = None
     if bake is not None or spheres is not None:
         order = read_order(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
-    assets, folder = plan(patterns, output, order)
+    planned = plan(patterns, output, order)
     places = {
         name: output_place(path, f"batch.{kind}")
         for name, path, kind in (("report", report, "json"), ("junit", junit, "xml"))
         if path is not None
     }
     with Outputs() as outputs:
-        outputs.folder(folder)
+        outputs.folder(planned.output)
         for name, place in places.items():
             claim(outputs, {"report": report, "junit": junit}[name], place)
         with BatchTable(quiet=quiet, verbose=verbose) as watcher:
-            result = run(assets, folder, None if no_cache else cache or default_cache(), options, watcher)
+            result = run(planned, None if no_cache else cache or default_cache(), options, watcher)
         if "report" in places:
             write_report(outputs.path(places["report"]), result.report)
         if "junit" in places:
@@ -125,7 +125,7 @@ def batch(
         done = len(result.results) - counts["failed"] - counts["stopped"]
         raise StoppedError(f"interrupted; {done} of {len(result.results)} assets are there, the same command goes on")
     if not result.passed:
-        raise AoprecalcError(_said(result, folder))
+        raise AoprecalcError(_said(result, planned.output))
 
 
 def _said(result: "BatchResult", folder: Path) -> str:

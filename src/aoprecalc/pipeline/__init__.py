@@ -3,7 +3,7 @@
 from aoprecalc.pipeline.batch import BatchResult, batch, run
 from aoprecalc.pipeline.cache import Cache, default_cache
 from aoprecalc.pipeline.orders import read_order
-from aoprecalc.pipeline.plan import plan
+from aoprecalc.pipeline.plan import Plan, plan
 from aoprecalc.pipeline.watching import Result, Watcher
 
-__all__ = ["BatchResult", "Cache", "Result", "Watcher", "batch", "default_cache", "plan", "read_order", "run"]
+__all__ = ["BatchResult", "Cache", "Plan", "Result", "Watcher", "batch", "default_cache", "plan", "read_order", "run"]

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
-from aoprecalc.pipeline.assets import Asset
 from aoprecalc.pipeline.cache import Cache
 from aoprecalc.pipeline.crew import open_crew
 from aoprecalc.pipeline.library import Library, Task
 from aoprecalc.pipeline.orders import Order
-from aoprecalc.pipeline.plan import plan
+from aoprecalc.pipeline.plan import Plan, plan
 from aoprecalc.pipeline.report import batch_report
 from aoprecalc.pipeline.watching import Result, Watcher
 
@@ -57,18 +56,17 @@ def batch(
     """
     paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
     order = Order(bake, spheres) if bake or spheres else None
-    assets, folder = plan([os.fspath(path) for path in paths], output, order)
-    return run(assets, folder, cache, options, watcher)
+    return run(plan([os.fspath(path) for path in paths], output, order), cache, options, watcher)
 
 
 def run(
-    assets: Sequence[Asset],
-    output: Path,
+    planned: Plan,
     cache: str | PathLike[str] | None = None,
     options: BatchOptions | None = None,
     watcher: Watcher | None = None,
 ) -> BatchResult:
-    """Make assets, whose names are distinct, in the output folder; see `batch`."""
+    """Do what is planned; see `batch`."""
+    assets, output = planned.assets, planned.output
     started, options, watcher = time.perf_counter(), options or BatchOptions(), watcher or Watcher()
     results: dict[str, Result] = {}
     interrupted = False
@@ -81,6 +79,8 @@ def run(
 
     with Library(output, None if cache is None else Cache(Path(cache)), options, watcher) as library:
         watcher.begin(len(assets))
+        for line in planned.warnings:
+            watcher.warn(line)
         try:
             tasks = []
             for asset in assets:

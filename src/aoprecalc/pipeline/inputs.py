@@ -94,12 +94,12 @@ def order_key(asset: Asset, output: Path) -> str:
     return _digest(
         {
             "version": __version__,
-            "mesh": asset.mesh.as_posix(),
+            "mesh": asset.mesh.name,
             "stem": asset.stem,
             "bake": _that_matter(asset.order.bake),
             "spheres": _that_matter(asset.order.spheres),
             "others": [asset.order.texture, asset.order.mesh, asset.order.verify, asset.order.set],
-            # results refer to what lies beside the mesh by the way from their own folder
+            # results refer to the mesh, and to what lies beside it, by the way from their own folder
             "way": Path(os.path.relpath(asset.mesh.parent, output / asset.folder)).as_posix(),
         }
     )

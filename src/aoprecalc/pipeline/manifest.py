@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -43,9 +43,9 @@ class Manifest:
     assets: tuple[Single, ...]
 
     @property
-    def patterns(self) -> list[str]:
-        """All that stands for meshes."""
-        return [*self.inputs, *(entry[0] for entry in self.assets)]
+    def base(self) -> Path:
+        """The folder from which names count: that of the inputs, whatever single assets lie elsewhere."""
+        return base_folder(self.inputs or [entry[0] for entry in self.assets], self.path.parent)
 
     def assets_of(self, made: Callable[[Path], bool]) -> list[Asset]:
         """Find its meshes, but for those that a batch has made, and say what is made of each.
@@ -60,13 +60,17 @@ class Manifest:
         ] + find_meshes([entry[0] for entry in self.assets], made, root)
         if not meshes:
             raise InputError(f"{self.path}: leaves out all meshes that it names; correct exclude")
-        base = base_folder(self.patterns, root)
         names = [
             single.get(os.path.abspath(mesh), ("", None))[1] or name
-            for mesh, name in zip(meshes, name_assets(meshes, base), strict=True)
+            for mesh, name in zip(meshes, name_assets(meshes, self.base), strict=True)
         ]
         check_distinct(names, meshes)
         return [Asset(name, mesh, self._order(mesh, single)) for name, mesh in zip(names, meshes, strict=True)]
+
+    def idle(self, assets: Sequence[Asset]) -> tuple[str, ...]:
+        """Return a line for each override that fits none of its assets: a slip, or left from meshes that are gone."""
+        unused = [entry[0] for entry in self.overrides if not any(self._fits(asset.mesh, entry[0]) for asset in assets)]
+        return tuple(f"{self.path}: the [[override]] of {pattern!r} fits none of its meshes" for pattern in unused)
 
     def _single(self) -> dict[str, Single]:
         """Return the single assets by the paths of their meshes; raises UsageError where these are not single."""
@@ -135,7 +139,7 @@ def read_manifest(path: Path) -> Manifest:
         )
         if manifest.bake is None and manifest.spheres is None and not (manifest.overrides or manifest.assets):
             raise UsageError("says nothing about bake or spheres; give it a table [bake], [spheres] or both")
-        if not manifest.patterns:
+        if not [*manifest.inputs, *manifest.assets]:
             raise InputError("names no meshes; give it inputs, or an [[asset]]")
     except AoprecalcError as error:
         raise type(error)(f"{path}: {error}") from error

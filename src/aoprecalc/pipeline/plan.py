@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -13,53 +14,60 @@ from aoprecalc.pipeline.orders import Order
 from aoprecalc.pipeline.records import HOME, Records
 
 
-def plan(
-    patterns: Sequence[str], output: str | os.PathLike[str] | None, order: Order | None
-) -> tuple[list[Asset], Path]:
-    """Return the assets of patterns, or of a single manifest, with distinct names, and the output folder.
+@dataclass(frozen=True)
+class Plan:
+    """What a batch is to do.
+
+    assets     with distinct names
+    output     the folder for the results
+    warnings   what the user should know about it
+    """
+
+    assets: tuple[Asset, ...]
+    output: Path
+    warnings: tuple[str, ...] = ()
+
+
+def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: Order | None) -> Plan:
+    """Plan a batch over what patterns fit, or over what a single manifest says.
 
     order   what is made of each; None: a bake with its defaults, or what the manifest says
     What a batch has made, or what lies in the output folder, is no asset, unless the assets are there themselves.
     Raises InputError, UsageError.
     """
     manifests = [pattern for pattern in patterns if pattern.lower().endswith(".toml")]
-    if manifests:
-        if len(patterns) > 1:
-            raise UsageError(f"{manifests[0]} is a manifest, but other inputs were given as well; put them into it")
-        if order is not None:
-            raise UsageError(
-                f"{manifests[0]} is a manifest and says itself what is made; put --bake, --spheres into it"
-            )
-        manifest = read_manifest(Path(manifests[0]))
-        if output is None and manifest.output is None:
-            raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
-        folder = Path(output or manifest.output or "")
-        patterns, root = manifest.patterns, manifest.path.parent
-        return manifest.assets_of(_made(folder, base_folder(patterns, root))), folder
-    if output is None:
-        raise UsageError("no output folder was given; name one with -o")
-    base = base_folder(patterns)
-    meshes = find_meshes(patterns, _made(Path(output), base))
-    order = order or Order(bake=BakeOptions())
-    return [Asset(name, mesh, order) for name, mesh in zip(name_assets(meshes, base), meshes, strict=True)], Path(
-        output
-    )
+    if not manifests:
+        if output is None:
+            raise UsageError("no output folder was given; name one with -o")
+        base = base_folder(patterns)
+        meshes = find_meshes(patterns, _made(Path(output), base))
+        named = zip(name_assets(meshes, base), meshes, strict=True)
+        return Plan(tuple(Asset(name, mesh, order or Order(BakeOptions())) for name, mesh in named), Path(output))
+    if len(patterns) > 1:
+        raise UsageError(f"{manifests[0]} is a manifest, but other inputs were given as well; put them into it")
+    if order is not None:
+        raise UsageError(f"{manifests[0]} is a manifest and says itself what is made; put --bake, --spheres into it")
+    manifest = read_manifest(Path(manifests[0]))
+    folder = output or manifest.output
+    if folder is None:
+        raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
+    assets = manifest.assets_of(_made(Path(folder), manifest.base))
+    return Plan(tuple(assets), Path(folder), manifest.idle(assets))
 
 
 def _made(output: Path, base: Path) -> Callable[[Path], bool]:
-    """Return what tells whether a file was made by a batch."""
-    home, top, outputs = Path(os.path.realpath(output)), Path(os.path.realpath(base)), Records(output).outputs()
-    apart = not top.is_relative_to(home)
+    """Return what tells whether a file was made by a batch, this one or another."""
+    home = Path(os.path.realpath(output))
+    apart = not Path(os.path.realpath(base)).is_relative_to(home)
 
     @cache
-    def is_output(folder: Path) -> bool:
-        """Tell whether a folder below the base is one for outputs, of any batch."""
-        if folder == top or not folder.is_relative_to(top):
-            return False
-        return (apart and folder == home) or (folder / HOME).is_dir() or is_output(folder.parent)
+    def outputs(folder: Path) -> frozenset[Path]:
+        """Return what batches have made into a folder, and into those above it."""
+        above = outputs(folder.parent) if folder != folder.parent else frozenset()
+        return above | Records(folder).outputs() if (folder / HOME).is_dir() else above
 
     def made(path: Path) -> bool:
         real = Path(os.path.realpath(path))
-        return real in outputs or is_output(real.parent)
+        return real in outputs(real.parent) or (apart and real.is_relative_to(home))
 
     return made

@@ -147,7 +147,7 @@ def _make(job: Job, heard: Heard) -> Made:
             }
         home = Path(os.path.realpath(folder))
         files = {str(place.relative_to(home)): written for place, written in outputs.release().items()}
-    lines = [_shown(job, line) for line in dict.fromkeys(heard.warnings)]
+    lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
     return Made(files, {**summary, "warnings": lines})
 
 
@@ -161,14 +161,14 @@ def _sight(job: Job, stack: ExitStack) -> OpenSight:
 
 
 def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:
-    """Return a report that names the input as it was asked for and the outputs as they lie beside the report."""
+    """Return a report that names all files as they lie beside it: it is the same wherever it was made."""
     outputs = report["outputs"]
     named = {key: Path(place).name for key, place in outputs.items() if key != "others"}
     return {
         **report,
-        "input": {**report["input"], "path": job.shown},
+        "input": {**report["input"], "path": Path(os.path.relpath(job.mesh, job.folder)).as_posix()},
         "outputs": {**named, "others": [Path(other).name for other in outputs["others"]]},
-        "warnings": [_shown(job, line) for line in report["warnings"]],
+        "warnings": [_called(job.mesh.name, job, line) for line in report["warnings"]],
     }
 
 
@@ -187,9 +187,11 @@ def _of_bake(report: dict[str, Any]) -> dict[str, Any]:
 
 def _shown(job: Job, text: str) -> str:
     """Return a message with the paths that the user knows."""
-    return " ".join(text.replace(str(job.mesh), job.shown).replace(f"{job.mesh.parent}/", _folder(job.shown)).split())
+    return _called(job.shown, job, text)
 
 
-def _folder(shown: str) -> str:
-    parent = os.path.dirname(shown)
-    return f"{parent}/" if parent else ""
+def _called(name: str, job: Job, text: str) -> str:
+    """Return a message in which the mesh has another name, and what lies beside it a name of the same kind."""
+    parent = os.path.dirname(name)
+    beside = f"{parent}/" if parent else ""
+    return " ".join(text.replace(str(job.mesh), name).replace(f"{job.mesh.parent}/", beside).split())
