@@ -284,7 +284,7 @@ def test_an_interrupted_batch_keeps_what_it_has(number, here):
     batch = start(here, *SMALL_SPHERES, "-j", "2", "--json", "--report", "report.json", "--junit", "junit.xml")
     try:
         wait_until((here / "in/endless.obj.pids").exists)
-        wait_until(lambda: len(contents(here / "out")) == 2)
+        wait_until(lambda: len(list((here / "out/.aoprecalc/assets").rglob("*.json"))) == 2)
         batch.send_signal(number)
         said, heard = batch.communicate(timeout=PATIENCE)
     finally:

@@ -4,6 +4,7 @@ import re
 import signal
 import sys
 import traceback
+from io import TextIOWrapper
 from typing import Any
 
 import click
@@ -32,6 +33,9 @@ class _Group(click.Group):
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; always ends the process."""
         kwargs["standalone_mode"] = False
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, TextIOWrapper):  # names of files need not be text
+                stream.reconfigure(errors="backslashreplace")
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does, which tidies up
         try:
             sys.exit(super().main(*args, **kwargs) or 0)

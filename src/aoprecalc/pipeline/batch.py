@@ -51,8 +51,8 @@ def batch(
     bake, spheres   what is made of each; a bake with the defaults if neither is given
     cache      a folder of results that batches share; None: none
     An asset that fails is an answer, not an error: the others are made. Raises InputError where a pattern fits nothing,
-    UsageError where something cannot be asked for so, OutputError where the output folder or the cache cannot be
-    written.
+    UsageError where something cannot be asked for so, OutputError where the output folder cannot be written. A cache
+    that cannot be is a warning.
     """
     paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
     order = Order(bake, spheres) if bake or spheres else None

@@ -54,7 +54,8 @@ class Child:
                 outcome = self._once(job, tell, timeout, stop or threading.Event())
                 if not isinstance(outcome, Failure) or outcome.kind != "crash":
                     break
-                tell(f"again, as its process died ({attempt + 1})")
+                if attempt < retries:
+                    tell(f"again, as its process died ({attempt + 1})")
         return replace(outcome, seconds=time.monotonic() - started)
 
     def close(self) -> None:

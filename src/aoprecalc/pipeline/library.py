@@ -14,7 +14,7 @@ from aoprecalc.errors import OutputError
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.assets import Asset
 from aoprecalc.pipeline.cache import Cache
-from aoprecalc.pipeline.inputs import Inputs, Stamp, order_key, result_key
+from aoprecalc.pipeline.inputs import Inputs, Stamp, file_digest, order_key, result_key
 from aoprecalc.pipeline.records import Record, Records
 from aoprecalc.pipeline.watching import Result, Status, Watcher
 from aoprecalc.pipeline.work import Failure, Job, Made, Outcome
@@ -84,7 +84,7 @@ class Library(AbstractContextManager["Library"]):
         task = Task(asset, order, result_key(order, inputs), inputs, record)
         if self._cache is not None and not self._options.force:
             found = self._cache.get(task.key, self._records.staging)
-            if found is not None:
+            if found is not None and self._fits(task, found[0]):
                 return self._placed(task, "cached", *found, seconds=0.0)
         return task
 
@@ -119,17 +119,30 @@ class Library(AbstractContextManager["Library"]):
         finally:
             shutil.rmtree(job.staging, ignore_errors=True)
 
+    def _fits(self, task: Task, files: Mapping[str, Path]) -> bool:
+        """Tell whether a result can be placed: files that go with it replace no other file of their names.
+
+        Where they would, the asset is made, with other names for them.
+        """
+        folder, own = self._folder(task.asset), task.before.outputs if task.before else {}
+        others = [name for name in files if name not in own and not name.startswith(f"{task.asset.stem}_")]
+        return all(Stamp.of(folder / name).digest in ("", file_digest(files[name])) for name in others)
+
     def prune(self, assets: Collection[str]) -> None:
         """Remove what earlier batches made of other assets than these, where nobody has changed it."""
         for name in self._records.names():
             if name not in assets and (record := self._records.get(name)) is not None:
-                self._remove(record.outputs, self._output / name.rpartition("/")[0])
                 self._records.drop(name)
+                self._remove(record.outputs, self._output / name.rpartition("/")[0])
 
     def _remove(self, outputs: Mapping[str, Stamp], folder: Path) -> None:
-        """Remove files that belong to nothing now, as they were written, and their folder if nothing else is in it."""
-        for name, stamp in outputs.items():
-            if folder / name not in self._owners and stamp.is_now(folder / name):
+        """Remove files that no asset has now, if nobody has changed them, and their folder if nothing else is in it."""
+        idle = {name: stamp for name, stamp in outputs.items() if folder / name not in self._owners}
+        if idle:
+            recorded = self._records.outputs()
+            idle = {name: stamp for name, stamp in idle.items() if folder.resolve() / name not in recorded}
+        for name, stamp in idle.items():
+            if Stamp.of(folder / name).digest == stamp.digest:
                 (folder / name).unlink(missing_ok=True)
         with suppress(OSError):
             folder.rmdir()
@@ -159,9 +172,9 @@ class Library(AbstractContextManager["Library"]):
             folder.mkdir(parents=True, exist_ok=True)
             for name, file in files.items():
                 os.replace(file, folder / name)
+            self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
             if task.before is not None:
                 self._remove(task.before.outputs, folder)
-            self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
         except OSError as error:
             reason = f"{error.filename2 or error.filename}: cannot be written ({error.strerror}); choose another output"
             return _failed(asset, Failure("error", reason))
