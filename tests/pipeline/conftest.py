@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.cli import main
-from aoprecalc.pipeline.crew import Event
-from aoprecalc.pipeline.work import work
+from aoprecalc.pipeline.crew.crew import Event
+from aoprecalc.pipeline.crew.work import work
 
 
 class InThisProcess:

@@ -12,8 +12,9 @@ import pytest
 
 from aoprecalc import BakeOptions, BatchOptions, SphereOptions, batch
 from aoprecalc.errors import AoprecalcError, UsageError
-from aoprecalc.pipeline import Watcher, cluster
-from aoprecalc.pipeline.remote import Place
+from aoprecalc.pipeline import Watcher
+from aoprecalc.pipeline.cluster import workers
+from aoprecalc.pipeline.cluster.remote import Place
 from pipeline.helpers import contents, without_times, write_ring
 
 distributed = pytest.importorskip("distributed")
@@ -54,7 +55,7 @@ def two_workers():
         "gpu": {"cls": distributed.Nanny, "options": {**nanny, "resources": {"GPU": 1}}},
         "cpu": {"cls": distributed.Nanny, "options": nanny},
     }
-    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "port": 0}}
+    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "dashboard_address": ":0", "port": 0}}
     with distributed.SpecCluster(workers=workers, scheduler=scheduler, silence_logs=50) as made:
         yield made
 
@@ -138,7 +139,7 @@ def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
 
 def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch):
     """The scheduler and the worker die of SIGKILL while a bake is under way; each asset still has its outcome."""
-    monkeypatch.setattr(cluster, "_PATIENCE", 3)
+    monkeypatch.setattr(workers, "_PATIENCE", 3)
     file = tmp_path / "scheduler.json"
 
     def dask(module, *words):
@@ -172,7 +173,7 @@ def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch)
 
 
 def test_an_address_without_a_cluster_is_one_line(meshes, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    monkeypatch.setattr(workers, "_PATIENCE", 0.5)
     options = BatchOptions(scheduler="tcp://127.0.0.1:9")
     with pytest.raises(AoprecalcError, match="no cluster with workers answers there") as failure:
         batch(meshes, tmp_path, bake=BAKE, options=options)
@@ -190,7 +191,7 @@ class FakeClient:
 
     def __init__(self, **place):
         self.place = Place(
-            **{"version": cluster.__version__, "host": "far", "cores": 8, "gpus": 0, "sees": True, **place}
+            **{"version": workers.__version__, "host": "far", "cores": 8, "gpus": 0, "sees": True, **place}
         )
 
     def run(self, function, *words):
@@ -202,15 +203,15 @@ class FakeClient:
 
 def test_another_version_on_a_worker_is_an_error():
     with pytest.raises(AoprecalcError, match=r"worker tcp://far:1 has aoprecalc 0\.0\.1"):
-        cluster.ClusterCrew(FakeClient(version="0.0.1"), BatchOptions())
+        workers.ClusterCrew(FakeClient(version="0.0.1"), BatchOptions())
 
 
 def test_jobs_share_the_cores_of_their_machine():
-    assert cluster.ClusterCrew(FakeClient(), BatchOptions()).threads == 2
+    assert workers.ClusterCrew(FakeClient(), BatchOptions()).threads == 2
 
 
 def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
-    crew = cluster.ClusterCrew(FakeClient(sees=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
+    crew = workers.ClusterCrew(FakeClient(sees=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
     with pytest.raises(AoprecalcError, match="not all workers see"):
         next(crew.run([FakeJob(tmp_path)]))
 

@@ -11,9 +11,9 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.files import input_files, load_scene
 from aoprecalc.files.meshes import READERS, source_files
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline.assets import Asset
-from aoprecalc.pipeline.inputs import Inputs, Stamp, order_key, result_key
-from aoprecalc.pipeline.orders import Order
+from aoprecalc.pipeline.planning.assets import Asset
+from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.store.inputs import Inputs, Stamp, order_key, result_key
 from files.gltf_documents import DOCUMENTS, STACKED, corner, pictured
 from files.gltf_maker import GltfMaker, png
 from pipeline.helpers import write_ring
@@ -202,7 +202,7 @@ def test_what_only_takes_time_does_not_matter(option):
 def test_another_version_makes_everything_again(monkeypatch):
     asset = Asset("rock", Path("rock.obj"), BOTH)
     first = order_key(asset, Path("out"))
-    monkeypatch.setattr("aoprecalc.pipeline.inputs.__version__", "99.0")
+    monkeypatch.setattr("aoprecalc.pipeline.store.inputs.__version__", "99.0")
     assert order_key(asset, Path("out")) != first
 
 

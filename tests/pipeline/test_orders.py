@@ -11,8 +11,8 @@ from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import UsageError
 from aoprecalc.options import RANGES, BakeOptions, SphereOptions
-from aoprecalc.pipeline.assets import Asset
-from aoprecalc.pipeline.orders import MESHES, SPHERE_SETS, TEXTURES, Order, as_words, read_order
+from aoprecalc.pipeline.planning.assets import Asset
+from aoprecalc.pipeline.planning.orders import MESHES, SPHERE_SETS, TEXTURES, Order, as_words, read_order
 from aoprecalc.pipeline.report import commands
 from aoprecalc.pipeline.watching import Result
 from pipeline.helpers import BAKE, SPHERES, said

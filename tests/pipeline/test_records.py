@@ -9,8 +9,8 @@ import pytest
 
 from aoprecalc.options import BatchOptions, SphereOptions
 from aoprecalc.pipeline import batch
-from aoprecalc.pipeline.inputs import Inputs, Stamp
-from aoprecalc.pipeline.records import Record, Records
+from aoprecalc.pipeline.store.inputs import Inputs, Stamp
+from aoprecalc.pipeline.store.records import Record, Records
 from files.gltf_documents import STACKED, corner, pictured
 from files.gltf_maker import GltfMaker
 from pipeline.helpers import BAKE, HOME, SPHERES, contents, said, statuses, without_times, write_ring
@@ -97,7 +97,7 @@ def test_other_options_make_it_again(made, crew):
 
 
 def test_another_version_makes_it_again(made, monkeypatch):
-    monkeypatch.setattr("aoprecalc.pipeline.inputs.__version__", "99.0")
+    monkeypatch.setattr("aoprecalc.pipeline.store.inputs.__version__", "99.0")
     assert make() == {"a": "made", "b": "made"}
 
 

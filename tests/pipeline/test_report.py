@@ -8,11 +8,11 @@ import pytest
 
 from aoprecalc import __version__
 from aoprecalc.files.reports import report_text
-from aoprecalc.pipeline.assets import Asset
-from aoprecalc.pipeline.orders import Order
+from aoprecalc.pipeline.crew.work import Failure
+from aoprecalc.pipeline.planning.assets import Asset
+from aoprecalc.pipeline.planning.orders import Order
 from aoprecalc.pipeline.report import batch_report, junit
 from aoprecalc.pipeline.watching import Result
-from aoprecalc.pipeline.work import Failure
 from pipeline.helpers import BAKE, SPHERES
 
 ODD = "ä 日本 <&>\"' \x00\x07\x1b[31m\r\n\t\ud800\ufffe]]> --"

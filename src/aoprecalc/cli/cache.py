@@ -10,7 +10,7 @@ from aoprecalc.errors import UsageError
 from aoprecalc.quantities import read_days, say_bytes
 
 if TYPE_CHECKING:
-    from aoprecalc.pipeline.cache import Usage
+    from aoprecalc.pipeline.store.cache import Usage
 
 _folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
-from aoprecalc.pipeline.cache import Cache
-from aoprecalc.pipeline.crew import open_crew
-from aoprecalc.pipeline.library import Library, Task
-from aoprecalc.pipeline.orders import Order
-from aoprecalc.pipeline.plan import Plan, plan
+from aoprecalc.pipeline.crew.crew import open_crew
+from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.planning.plan import Plan, plan
 from aoprecalc.pipeline.report import batch_report
+from aoprecalc.pipeline.store.cache import Cache
+from aoprecalc.pipeline.store.library import Library, Task
 from aoprecalc.pipeline.watching import Result, Watcher
 
 

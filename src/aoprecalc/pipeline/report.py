@@ -8,7 +8,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from aoprecalc import __version__
-from aoprecalc.pipeline.orders import Order, as_words
+from aoprecalc.pipeline.planning.orders import Order, as_words
 from aoprecalc.pipeline.watching import Result
 
 SCHEMA = 1

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from aoprecalc.pipeline.assets import Asset
-from aoprecalc.pipeline.work import Failure
+from aoprecalc.pipeline.crew.work import Failure
+from aoprecalc.pipeline.planning.assets import Asset
 
 Status = Literal["made", "unchanged", "cached", "failed", "stopped"]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
-from aoprecalc.pipeline.assets import Asset, base_folder, check_distinct, find_meshes, is_pattern, name_assets
-from aoprecalc.pipeline.orders import COUNTS, Order, Table, plain_keys, read_order
-from aoprecalc.pipeline.records import HOME
+from aoprecalc.pipeline.planning.assets import Asset, base_folder, check_distinct, find_meshes, is_pattern, name_assets
+from aoprecalc.pipeline.planning.orders import COUNTS, Order, Table, plain_keys, read_order
+from aoprecalc.pipeline.store.records import HOME
 
 _TOP = ("inputs", "exclude", "output", "bake", "spheres", "override", "asset")
 _OVERRIDE, _ASSET = ("match", "bake", "spheres"), ("mesh", "name", "bake", "spheres")

@@ -13,9 +13,9 @@ from aoprecalc import __version__
 from aoprecalc.errors import AoprecalcError, UsageError
 from aoprecalc.files import input_files
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.crew import Event
-from aoprecalc.pipeline.remote import Place, end, look_around, work_in_folder, work_on_bytes
-from aoprecalc.pipeline.work import Failure, Job, Made, Outcome
+from aoprecalc.pipeline.cluster.remote import Place, end, look_around, work_in_folder, work_on_bytes
+from aoprecalc.pipeline.crew.crew import Event
+from aoprecalc.pipeline.crew.work import Failure, Job, Made, Outcome
 
 _PATIENCE = 30  # seconds for a scheduler to answer, and to have a worker
 _AHEAD = 2  # jobs that wait at the scheduler beyond those under way, so that no worker waits

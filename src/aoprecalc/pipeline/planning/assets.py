@@ -8,7 +8,7 @@ from pathlib import Path
 
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.files.meshes import READERS
-from aoprecalc.pipeline.orders import Order
+from aoprecalc.pipeline.planning.orders import Order
 
 
 @dataclass(frozen=True)

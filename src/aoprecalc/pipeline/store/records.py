@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.errors import OutputError
-from aoprecalc.pipeline.inputs import Inputs, Stamp
+from aoprecalc.pipeline.store.inputs import Inputs, Stamp
 
 SCHEMA = 1
 HOME = ".aoprecalc"

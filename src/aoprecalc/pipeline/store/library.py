@@ -12,12 +12,12 @@ from typing import Any
 
 from aoprecalc.errors import OutputError
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.assets import Asset
-from aoprecalc.pipeline.cache import Cache
-from aoprecalc.pipeline.inputs import Inputs, Stamp, file_digest, order_key, result_key
-from aoprecalc.pipeline.records import Record, Records
+from aoprecalc.pipeline.crew.work import Failure, Job, Made, Outcome
+from aoprecalc.pipeline.planning.assets import Asset
+from aoprecalc.pipeline.store.cache import Cache
+from aoprecalc.pipeline.store.inputs import Inputs, Stamp, file_digest, order_key, result_key
+from aoprecalc.pipeline.store.records import Record, Records
 from aoprecalc.pipeline.watching import Result, Status, Watcher
-from aoprecalc.pipeline.work import Failure, Job, Made, Outcome
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from aoprecalc.model import Floats
 from aoprecalc.occlusion.backend import open_backend
 from aoprecalc.occlusion.sight import OwnSight, Sight
 from aoprecalc.occlusion.site import Site, Subject
-from aoprecalc.pipeline.work import Failure
+from aoprecalc.pipeline.crew.work import Failure
 from aoprecalc.progress import Progress
 
 

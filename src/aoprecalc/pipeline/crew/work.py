@@ -13,7 +13,7 @@ from aoprecalc.errors import AoprecalcError, KilledError
 from aoprecalc.files import Outputs
 from aoprecalc.files.reports import write_report
 from aoprecalc.occlusion.sight import OpenSight, OwnSight
-from aoprecalc.pipeline.orders import Order
+from aoprecalc.pipeline.planning.orders import Order
 from aoprecalc.progress import Progress
 
 Kind = Literal["error", "crash", "timeout", "stopped"]
@@ -155,7 +155,7 @@ def _sight(job: Job, stack: ExitStack) -> OpenSight:
     """Return what makes that which sees: the process itself, or the workers of a cluster."""
     if job.spread is None:
         return OwnSight
-    from aoprecalc.pipeline.spread import Spread  # needs an extra
+    from aoprecalc.pipeline.cluster.spread import Spread  # needs an extra
 
     return stack.enter_context(Spread(job.spread, job.shown))
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from aoprecalc.errors import UsageError
 from aoprecalc.options import BakeOptions
-from aoprecalc.pipeline.assets import Asset, base_folder, find_meshes, name_assets
-from aoprecalc.pipeline.manifest import read_manifest
-from aoprecalc.pipeline.orders import Order
-from aoprecalc.pipeline.records import HOME, Records
+from aoprecalc.pipeline.planning.assets import Asset, base_folder, find_meshes, name_assets
+from aoprecalc.pipeline.planning.manifest import read_manifest
+from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.store.records import HOME, Records
 
 
 @dataclass(frozen=True)

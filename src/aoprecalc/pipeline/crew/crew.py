@@ -9,8 +9,8 @@ from queue import SimpleQueue
 from typing import Protocol
 
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.child import Child
-from aoprecalc.pipeline.work import Job, Outcome
+from aoprecalc.pipeline.crew.child import Child
+from aoprecalc.pipeline.crew.work import Job, Outcome
 
 _OF_JOB = 1 << 30  # bytes of memory that a job may take
 
@@ -46,7 +46,7 @@ def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
     if options.scheduler is None or options.split:
         yield LocalCrew(count, options)
         return
-    from aoprecalc.pipeline.cluster import open_cluster  # needs an extra
+    from aoprecalc.pipeline.cluster.workers import open_cluster  # needs an extra
 
     with open_cluster(options) as cluster:
         yield cluster

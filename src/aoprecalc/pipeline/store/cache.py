@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.errors import OutputError
-from aoprecalc.pipeline.inputs import file_digest
+from aoprecalc.pipeline.store.inputs import file_digest
 
 _ABANDONED = 24 * 3600  # seconds after which what is being written has no writer any more
 _FINE = 60  # seconds: no need to note each use more finely

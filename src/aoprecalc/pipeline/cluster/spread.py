@@ -13,9 +13,9 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.model import Floats
 from aoprecalc.occlusion.portion import runs
 from aoprecalc.occlusion.site import Side, Site
-from aoprecalc.pipeline.cluster import open_client, threads_of_a_job
-from aoprecalc.pipeline.glance import Glance, Seen
-from aoprecalc.pipeline.remote import end, look_elsewhere
+from aoprecalc.pipeline.cluster.remote import end, look_elsewhere
+from aoprecalc.pipeline.cluster.workers import open_client, threads_of_a_job
+from aoprecalc.pipeline.crew.glance import Glance, Seen
 from aoprecalc.progress import Progress
 from aoprecalc.texspace.samples import Samples
 

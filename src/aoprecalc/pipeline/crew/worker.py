@@ -1,6 +1,6 @@
 """A worker process: does what its parent asks for, one thing after the other.
 
-Usage: python -m aoprecalc.pipeline.worker <file descriptor of a connection> <process of the parent>
+Usage: python -m aoprecalc.pipeline.crew.worker <file descriptor of a connection> <process of the parent>
 """
 
 import os
@@ -9,8 +9,8 @@ import sys
 from multiprocessing.connection import Connection
 
 from aoprecalc.children import end_with_parent
-from aoprecalc.pipeline.glance import Eyes, Glance
-from aoprecalc.pipeline.work import work
+from aoprecalc.pipeline.crew.glance import Eyes, Glance
+from aoprecalc.pipeline.crew.work import work
 
 
 def main() -> None:

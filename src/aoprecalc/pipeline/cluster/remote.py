@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import aoprecalc
-from aoprecalc.pipeline.child import Child
-from aoprecalc.pipeline.glance import Glance, Seen
-from aoprecalc.pipeline.work import Failure, Job, Outcome
+from aoprecalc.pipeline.crew.child import Child
+from aoprecalc.pipeline.crew.glance import Glance, Seen
+from aoprecalc.pipeline.crew.work import Failure, Job, Outcome
 
 
 @dataclass(frozen=True)
