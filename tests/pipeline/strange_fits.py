@@ -39,7 +39,7 @@ def strange(fit):
     return fit_spheres
 
 
-if "aoprecalc.pipeline.crew.worker" in sys.orig_argv:
+if "aoprecalc.pipeline.worker" in sys.orig_argv:
     from aoprecalc import recipes
 
     recipes.fit_spheres = strange(recipes.fit_spheres)

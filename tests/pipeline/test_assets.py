@@ -6,7 +6,7 @@ import pytest
 
 from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline import batch, plan
-from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.asset import Order
 from pipeline.helpers import BAKE, SPHERES, contents, said, statuses, write_ring
 
 FILES = [

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from aoprecalc.pipeline.asset import Order
 from aoprecalc.pipeline.crew.child import Child
 from aoprecalc.pipeline.crew.work import Failure, Job, Made
-from aoprecalc.pipeline.planning.orders import Order
 from pipeline.helpers import BAKE, SPHERES, wait_until, write_ring
 
 pytestmark = [

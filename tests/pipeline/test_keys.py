@@ -11,8 +11,7 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.files import input_files, load_scene
 from aoprecalc.files.meshes import READERS, source_files
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline.planning.assets import Asset
-from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.asset import Asset, Order
 from aoprecalc.pipeline.store.inputs import Inputs, Stamp, order_key, result_key
 from files.gltf_documents import DOCUMENTS, STACKED, corner, pictured
 from files.gltf_maker import GltfMaker, png

@@ -8,9 +8,8 @@ import pytest
 
 from aoprecalc import __version__
 from aoprecalc.files.reports import report_text
+from aoprecalc.pipeline.asset import Asset, Order
 from aoprecalc.pipeline.crew.work import Failure
-from aoprecalc.pipeline.planning.assets import Asset
-from aoprecalc.pipeline.planning.orders import Order
 from aoprecalc.pipeline.report import batch_report, junit
 from aoprecalc.pipeline.watching import Result
 from pipeline.helpers import BAKE, SPHERES

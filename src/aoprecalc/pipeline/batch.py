@@ -2,16 +2,16 @@
 
 import os
 import time
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
-from aoprecalc.pipeline.crew.crew import open_crew
-from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.asset import Order
+from aoprecalc.pipeline.crew.crew import Crew, LocalCrew
 from aoprecalc.pipeline.planning.plan import Plan, plan
 from aoprecalc.pipeline.report import batch_report
 from aoprecalc.pipeline.store.cache import Cache
@@ -103,6 +103,21 @@ def run(
     passed = all(result.status in ("made", "unchanged", "cached") for result in ordered)
     report = batch_report(ordered, output, time.perf_counter() - started)
     return BatchResult(ordered, passed, interrupted, report)
+
+
+@contextmanager
+def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
+    """Open the crew that is asked for, for `count` jobs.
+
+    Raises UsageError where a cluster is asked for and cannot be reached or used.
+    """
+    if options.scheduler is None or options.split:
+        yield LocalCrew(count, options)
+        return
+    from aoprecalc.pipeline.cluster.workers import open_cluster  # needs an extra
+
+    with open_cluster(options) as cluster:
+        yield cluster
 
 
 def _made(tasks: list[Task], library: Library, options: BatchOptions, watcher: Watcher) -> Generator[Result]:

@@ -8,7 +8,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from aoprecalc import __version__
-from aoprecalc.pipeline.planning.orders import Order, as_words
+from aoprecalc.pipeline.asset import Order
+from aoprecalc.pipeline.planning.orders import as_words
 from aoprecalc.pipeline.watching import Result
 
 SCHEMA = 1

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from aoprecalc.pipeline.asset import Asset
 from aoprecalc.pipeline.crew.work import Failure
-from aoprecalc.pipeline.planning.assets import Asset
 
 Status = Literal["made", "unchanged", "cached", "failed", "stopped"]
 

@@ -112,7 +112,7 @@ class Child:
         descriptor = far.fileno()
         # What a library prints is kept apart: standard output is for results, and a table may be on standard error.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "aoprecalc.pipeline.crew.worker", str(descriptor), str(os.getpid())],
+            [sys.executable, "-m", "aoprecalc.pipeline.worker", str(descriptor), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=self._said,
             stderr=self._said,

@@ -1,4 +1,4 @@
-"""Who does the jobs of a batch: processes on this machine, or the workers of a cluster."""
+"""Who does the jobs of a batch, and the crew that is on this machine."""
 
 import os
 import threading
@@ -35,21 +35,6 @@ class Crew(Protocol):
     def run(self, jobs: Sequence[Job]) -> Generator[Event]:
         """Yield events until each job has had its outcome, once; closing the iterator ends the work."""
         ...
-
-
-@contextmanager
-def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
-    """Open the crew that is asked for, for `count` jobs.
-
-    Raises UsageError where a cluster is asked for and cannot be reached or used.
-    """
-    if options.scheduler is None or options.split:
-        yield LocalCrew(count, options)
-        return
-    from aoprecalc.pipeline.cluster.workers import open_cluster  # needs an extra
-
-    with open_cluster(options) as cluster:
-        yield cluster
 
 
 class LocalCrew:

@@ -3,7 +3,7 @@
 import os
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from aoprecalc.errors import AoprecalcError, KilledError
 from aoprecalc.files import Outputs
 from aoprecalc.files.reports import write_report
 from aoprecalc.occlusion.sight import OpenSight, OwnSight
-from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.asset import Order
 from aoprecalc.progress import Progress
 
 Kind = Literal["error", "crash", "timeout", "stopped"]
@@ -99,10 +99,23 @@ class Heard(Progress):
         self.warnings.append(text)
 
 
-def work(job: Job, tell: Callable[[str], None]) -> Outcome:
-    """Make what is asked for in the staging folder, and tell each stage; nothing is left there if it fails."""
+def own_sight(job: Job) -> AbstractContextManager[OpenSight]:
+    """Have a job's process look by itself."""
+    return nullcontext(OwnSight)
+
+
+def work(
+    job: Job,
+    tell: Callable[[str], None],
+    sight_of: Callable[[Job], AbstractContextManager[OpenSight]] = own_sight,
+) -> Outcome:
+    """Make what is asked for in the staging folder, and tell each stage; nothing is left there if it fails.
+
+    sight_of   returns, for the length of a `with` block, what makes that which sees
+    """
     try:
-        return _make(job, Heard(tell))
+        with sight_of(job) as open_sight:
+            return _make(job, Heard(tell), open_sight)
     except AoprecalcError as error:
         kind: Kind = "crash" if isinstance(error, KilledError) else "error"
         return Failure(kind, _shown(job, str(error)), error.exit_code)
@@ -115,10 +128,9 @@ def work(job: Job, tell: Callable[[str], None]) -> Outcome:
         return Failure("error", f"{job.shown}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
 
 
-def _make(job: Job, heard: Heard) -> Made:
+def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
     order, folder, summary = job.order, job.folder, dict[str, Any]()
-    with ExitStack() as stack:
-        outputs = stack.enter_context(Outputs(job.staging, job.own))
+    with Outputs(job.staging, job.own) as outputs:
         if order.bake is not None:
             baked = recipes.bake(
                 job.mesh,
@@ -126,7 +138,7 @@ def _make(job: Job, heard: Heard) -> Made:
                 mesh_output=folder / f"{job.stem}_ao{order.mesh}" if order.mesh else None,
                 verify=order.verify,
                 outputs=outputs,
-                open_sight=_sight(job, stack),
+                open_sight=open_sight,
                 options=order.bake,
                 progress=heard,
             )
@@ -149,15 +161,6 @@ def _make(job: Job, heard: Heard) -> Made:
         files = {str(place.relative_to(home)): written for place, written in outputs.release().items()}
     lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
     return Made(files, {**summary, "warnings": lines})
-
-
-def _sight(job: Job, stack: ExitStack) -> OpenSight:
-    """Return what makes that which sees: the process itself, or the workers of a cluster."""
-    if job.spread is None:
-        return OwnSight
-    from aoprecalc.pipeline.cluster.spread import Spread  # needs an extra
-
-    return stack.enter_context(Spread(job.spread, job.shown))
 
 
 def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
-from aoprecalc.pipeline.planning.assets import Asset, base_folder, check_distinct, find_meshes, is_pattern, name_assets
-from aoprecalc.pipeline.planning.orders import COUNTS, Order, Table, plain_keys, read_order
+from aoprecalc.pipeline.asset import Asset, Order
+from aoprecalc.pipeline.planning.meshes import base_folder, check_distinct, find_meshes, is_pattern, name_assets
+from aoprecalc.pipeline.planning.orders import COUNTS, Table, plain_keys, read_order
 from aoprecalc.pipeline.store.records import HOME
 
 _TOP = ("inputs", "exclude", "output", "bake", "spheres", "override", "asset")

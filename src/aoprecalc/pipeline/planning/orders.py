@@ -1,11 +1,12 @@
-"""What is to be made of an asset, and the tables of options in which people say so."""
+"""The tables of options in which people say what is to be made of an asset."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from aoprecalc.errors import UsageError
 from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.pipeline.asset import Order
 from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read_size
 
 Table = Mapping[str, Any]
@@ -14,32 +15,6 @@ Options = TypeVar("Options", BakeOptions, SphereOptions)
 TEXTURES, MESHES = (".png", ".exr", ".tif", ".tiff", ".jpg", ".tga", ".bmp"), ("", ".obj", ".ply", ".gltf", ".glb")
 COUNTS = frozenset({"spheres", "tolerance", "levels"})  # each says how many spheres, in place of the others
 SPHERE_SETS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
-
-
-@dataclass(frozen=True)
-class Order:
-    """What is made of one asset: a texture, spheres, or both.
-
-    bake      how the texture is baked; None: no texture
-    spheres   how spheres are fitted; None: none
-    texture   extension of the texture
-    mesh      extension of the mesh that goes with it; empty: as `aoprecalc bake` chooses
-    verify    measure the texture against ray tracing, for the report
-    set       extension of the sphere set
-    """
-
-    bake: BakeOptions | None = None
-    spheres: SphereOptions | None = None
-    texture: str = ".png"
-    mesh: str = ""
-    verify: bool = False
-    set: str = ".json"
-
-    def with_threads(self, threads: int) -> "Order":
-        """Return the same with this many threads where it says nothing about them."""
-        if self.bake is None or self.bake.threads:
-            return self
-        return replace(self, bake=replace(self.bake, threads=threads))
 
 
 def read_order(bake: Table | None, spheres: Table | None) -> Order:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from aoprecalc.errors import UsageError
 from aoprecalc.options import BakeOptions
-from aoprecalc.pipeline.planning.assets import Asset, base_folder, find_meshes, name_assets
+from aoprecalc.pipeline.asset import Asset, Order
 from aoprecalc.pipeline.planning.manifest import read_manifest
-from aoprecalc.pipeline.planning.orders import Order
+from aoprecalc.pipeline.planning.meshes import base_folder, find_meshes, name_assets
 from aoprecalc.pipeline.store.records import HOME, Records
 
 

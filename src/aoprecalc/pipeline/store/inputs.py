@@ -11,7 +11,7 @@ from typing import Any, Self
 from aoprecalc import __version__
 from aoprecalc.files import input_files
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline.planning.assets import Asset
+from aoprecalc.pipeline.asset import Asset
 
 # Options that change how long a job takes and not what comes of it.
 _NO_MATTER = ("threads", "memory_limit", "unwrap_timeout")

@@ -12,8 +12,8 @@ from typing import Any
 
 from aoprecalc.errors import OutputError
 from aoprecalc.options import BatchOptions
+from aoprecalc.pipeline.asset import Asset
 from aoprecalc.pipeline.crew.work import Failure, Job, Made, Outcome
-from aoprecalc.pipeline.planning.assets import Asset
 from aoprecalc.pipeline.store.cache import Cache
 from aoprecalc.pipeline.store.inputs import Inputs, Stamp, file_digest, order_key, result_key
 from aoprecalc.pipeline.store.records import Record, Records

@@ -3,36 +3,10 @@
 import glob
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.files.meshes import READERS
-from aoprecalc.pipeline.planning.orders import Order
-
-
-@dataclass(frozen=True)
-class Asset:
-    """One mesh of a batch.
-
-    name    its folder and stem below the output folder, such as props/rock, with forward slashes; no other's
-    mesh    its file, as the pattern found it
-    order   what is made of it
-    """
-
-    name: str
-    mesh: Path
-    order: Order
-
-    @property
-    def folder(self) -> str:
-        """Its folder below the output folder; empty for that itself."""
-        return self.name.rpartition("/")[0]
-
-    @property
-    def stem(self) -> str:
-        """What its files' names begin with."""
-        return self.name.rpartition("/")[2]
 
 
 def is_pattern(text: str, root: str | Path = "") -> bool:

@@ -1,16 +1,18 @@
 """A worker process: does what its parent asks for, one thing after the other.
 
-Usage: python -m aoprecalc.pipeline.crew.worker <file descriptor of a connection> <process of the parent>
+Usage: python -m aoprecalc.pipeline.worker <file descriptor of a connection> <process of the parent>
 """
 
 import os
 import signal
 import sys
+from contextlib import AbstractContextManager
 from multiprocessing.connection import Connection
 
 from aoprecalc.children import end_with_parent
+from aoprecalc.occlusion.sight import OpenSight
 from aoprecalc.pipeline.crew.glance import Eyes, Glance
-from aoprecalc.pipeline.crew.work import work
+from aoprecalc.pipeline.crew.work import Job, own_sight, work
 
 
 def main() -> None:
@@ -23,9 +25,21 @@ def main() -> None:
     try:
         while True:
             request = connection.recv()
-            connection.send(eyes.look(request) if isinstance(request, Glance) else work(request, connection.send))
+            if isinstance(request, Glance):
+                connection.send(eyes.look(request))
+            else:
+                connection.send(work(request, connection.send, _sight_of))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
+
+
+def _sight_of(job: Job) -> AbstractContextManager[OpenSight]:
+    """Have a job's process look by itself, or the workers of a cluster."""
+    if job.spread is None:
+        return own_sight(job)
+    from aoprecalc.pipeline.cluster.spread import Spread  # needs an extra
+
+    return Spread(job.spread, job.shown)
 
 
 if __name__ == "__main__":
