@@ -20,11 +20,11 @@ FLOORS = [
     ["texspace"],
     ["gl", "rays", "surface"],
     ["model"],
-    ["options", "progress", "quantities", "children"],
+    ["options", "progress", "quantities", "children", "limits"],
     ["errors"],
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "quantities", "children", "__init__"]
+STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "quantities", "children", "limits", "__init__"]
 NO_GL = ["spheres", "measure", "files", "pictures", "surface", "model"]
 MODULES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
 

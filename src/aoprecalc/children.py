@@ -21,10 +21,20 @@ FIRST_STEP = "starting"
 # What a thread written in Rust says before it dies, and the others wait for it: where, and on the next line why.
 _PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
 
-_KILLS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # come from outside, whatever the work is
+_KILLS = ("SIGKILL", "SIGTERM", "SIGINT")  # come from outside, whatever the work is
 
 _STEP = "step: "  # begins the lines that are steps
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def command(module: str, *words: str) -> list[str]:
+    """Return the command line of a child that runs a module of this package."""
+    return [sys.executable, "-P", "-m", module, *words]  # -P: no modules of the current folder
+
+
+def environment() -> dict[str, str]:
+    """Return the variables with which a child finds what this process found."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
 
 
 class Killed(ChildProcessError):  # noqa: N818 - as its base is called
@@ -36,11 +46,10 @@ def ask(command: list[str], request: bytes, look: Look) -> bytes:
 
     Raises ChildProcessError with the reason, one line, where the child fails, Killed where it was killed.
     """
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # finds what this process found
     with TemporaryFile() as file:  # no pipe: `communicate` does not go on writing to one after a pause
         file.write(request)
         file.seek(0)
-        child = subprocess.Popen(command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment)
+        child = subprocess.Popen(command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
     with child:
         try:
             answer, said = _listen(child, look)
@@ -49,7 +58,8 @@ def ask(command: list[str], request: bytes, look: Look) -> bytes:
             child.wait()  # `with` alone does not, after a Ctrl-C
             raise
     if child.returncode != 0:
-        kind = Killed if -child.returncode in _KILLS else ChildProcessError
+        killed = child.returncode < 0 and signal.Signals(-child.returncode).name in _KILLS
+        kind = Killed if killed else ChildProcessError
         raise kind(_reason(child.returncode, said))
     return answer
 

@@ -1,21 +1,18 @@
 """New UVs for a whole scene, in one page of exact size."""
 
 import io
-import sys
 import time
 from typing import Literal
 
 import numpy as np
 
-from aoprecalc.children import Killed, Look, ask
+from aoprecalc.children import Killed, Look, ask, command
 from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import face_directions
 
 LEAST_SIZE = 16  # texels
-_CHILDREN = {  # -P: no modules of the current folder
-    name: [sys.executable, "-P", "-m", f"aoprecalc.atlas.{name}_child"] for name in ("xatlas", "uvunwrap")
-}
+_CHILDREN = {name: command(f"aoprecalc.atlas.{name}_child") for name in ("xatlas", "uvunwrap")}
 _OTHER = {"xatlas": "uvunwrap", "uvunwrap": "xatlas"}
 _ELSE = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}  # where time is short
 

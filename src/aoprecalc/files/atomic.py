@@ -20,17 +20,14 @@ class Outputs(AbstractContextManager["Outputs"]):
             write_something(outputs.path("build/rock_ao.png"))
     """
 
-    def __init__(
-        self, staging: str | os.PathLike[str] | None = None, own: Iterable[str | os.PathLike[str]] = ()
-    ) -> None:
+    def __init__(self, staging: str | os.PathLike[str] | None = None) -> None:
         """Start with no files.
 
         staging   a folder of the same file system in which files are written, rather than beside their places; these
                   need not have their folders yet. Who gives one takes the files over by `release`
-        own       files that an earlier run made, which these are to replace
         """
         self._staging = None if staging is None else Path(staging)
-        self._own = {_real(path) for path in own}
+        self._asked: dict[Path, Path] = {}  # a file with links followed -> as it was asked for
         self._pending: dict[Path, Path] = {}
         self._claimed: set[Path] = set()
         self._protected: set[Path] = set()
@@ -65,14 +62,15 @@ class Outputs(AbstractContextManager["Outputs"]):
         """Return where the contents of `final` are now: under its temporary path if it is one of these files."""
         return self._pending.get(_real(final), Path(final))
 
-    def may_replace(self, final: str | os.PathLike[str]) -> bool:
-        """Tell whether nothing is there, or what an earlier run made."""
-        return _real(final) in self._own or not Path(final).exists()
+    @property
+    def staged(self) -> bool:
+        """Tell whether the files are for someone else, who may have more that go beside them."""
+        return self._staging is not None
 
     def release(self) -> dict[Path, Path]:
-        """Return the place of each file, with links followed, and where it is now; the caller moves or removes it."""
+        """Return the place of each file, as it was asked for, and where it is now; the caller moves or removes it."""
         pending, self._pending = self._pending, {}
-        return pending
+        return {self._asked[target]: temporary for target, temporary in pending.items()}
 
     def claim(self, final: str | os.PathLike[str]) -> None:
         """Make sure, before long work, that `final` can be written and that nothing else will be written there.
@@ -108,7 +106,7 @@ class Outputs(AbstractContextManager["Outputs"]):
             raise OutputError(
                 f"{final}: cannot write there ({error.strerror}); choose another output or change its permissions"
             ) from error
-        self._pending[target] = temporary
+        self._pending[target], self._asked[target] = temporary, Path(final)
         return temporary
 
     def __exit__(

@@ -1,6 +1,5 @@
 """Triangles that stop rays."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
@@ -8,6 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from aoprecalc.errors import RendererError
+from aoprecalc.limits import whole_cores
 from aoprecalc.model import Floats, Mask
 
 # Of the bounding radius: how far above its face a ray starts, so that it does not meet that face; 32-bit positions are
@@ -50,9 +50,7 @@ class Occluders:
         # The scene does not keep what it was made of alive.
         vertices = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
         self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
-        self._threads = threads or (
-            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        )
+        self._threads = threads or whole_cores()
 
     def hidden(self, origins: Floats, directions: Floats) -> Mask:
         """Return which of k rays meet a triangle, (k,) bool.

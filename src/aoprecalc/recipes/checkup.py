@@ -1,10 +1,10 @@
 """Doctor: what this machine can bake with, whether a small bake comes out right, and what to install."""
 
-import sys
 from dataclasses import dataclass
 from typing import Any
 
 from aoprecalc import __version__
+from aoprecalc.children import command
 from aoprecalc.gl.context import INSTALLS, VERSION
 from aoprecalc.progress import Progress
 from aoprecalc.recipes.machine import EXTRAS, LIBRARIES, environment, machine, versions
@@ -13,7 +13,7 @@ from aoprecalc.recipes.stopwatch import Stopwatch
 
 SCHEMA = 1
 
-_TRIAL = [sys.executable, "-P", "-m", "aoprecalc.recipes.trial_child"]
+_TRIAL = command("aoprecalc.recipes.trial_child")
 _PATIENCE = 60.0  # seconds that the self-test may take; two are plenty on two cores
 _OPENGL = f"OpenGL {VERSION[0]}.{VERSION[1]}"
 _WHY = {

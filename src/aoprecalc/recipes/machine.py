@@ -2,10 +2,10 @@
 
 import os
 import platform
-import sys
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
+
+from aoprecalc.limits import usable_cores, usable_memory
 
 LIBRARIES = (
     "numpy", "scipy", "moderngl", "glcontext", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click", "rich",
@@ -17,8 +17,6 @@ EXTRAS = {"ray": ("embreex",), "compressed": ("DracoPy", "meshoptimizer"), "clus
 _STARTS = ("EGL_", "GALLIUM_", "GLCONTEXT_", "LIBGL_", "LP_", "MESA_", "NVIDIA_", "__EGL_", "__GLX_", "__NV_")
 _NAMES = ("DISPLAY", "LD_LIBRARY_PATH", "LD_PRELOAD", "WAYLAND_DISPLAY")
 
-_CGROUP = Path("/sys/fs/cgroup")  # what the container that this runs in may use (version 2)
-
 
 def machine() -> dict[str, Any]:
     """Return `python`, `platform`, `cores` that may be used, and `memory` in bytes (None where it is not known).
@@ -28,8 +26,8 @@ def machine() -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "cores": _cores(),
-        "memory": _memory(),
+        "cores": usable_cores(),
+        "memory": usable_memory(),
     }
 
 
@@ -48,26 +46,3 @@ def _version(name: str) -> str | None:
         return version(name)
     except PackageNotFoundError:
         return None
-
-
-def _cores() -> float:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    quota = _limit("cpu.max")  # "max 100000", or microseconds that may be used in so many
-    return min(cores, round(int(quota[0]) / int(quota[1]), 2)) if quota else cores
-
-
-def _memory() -> int | None:
-    if sys.platform == "win32":
-        return None
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    limit = _limit("memory.max")
-    return min(memory, int(limit[0])) if limit else memory
-
-
-def _limit(name: str) -> list[str]:
-    """Return the numbers of a limit of the container; none where there is no such limit."""
-    try:
-        words = (_CGROUP / name).read_text(encoding="ascii").split()
-    except OSError:
-        return []
-    return words if words and words[0] != "max" else []

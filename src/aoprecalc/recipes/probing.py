@@ -1,7 +1,6 @@
 """What this machine can render with: each renderer is tried in a process of its own, which it may crash or hang."""
 
 import json
-import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +8,7 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from aoprecalc.children import ask
+from aoprecalc.children import ask, command
 from aoprecalc.gl.context import CANDIDATES, Candidate
 
 PATIENCE = 20.0  # seconds that a probe may take; it needs a tenth of one
@@ -83,4 +82,4 @@ def _examine(command: list[str], patience: float, over: Event) -> Answer:
 
 
 def _child(folder: str, *request: str) -> list[str]:
-    return [sys.executable, "-P", "-m", f"aoprecalc.{folder}.probe_child", *request]
+    return command(f"aoprecalc.{folder}.probe_child", *request)

@@ -1,5 +1,6 @@
 """Pictures in a glTF document that is being written: the baked ones, and the files that its images refer to."""
 
+import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from itertools import chain, count
@@ -126,12 +127,18 @@ def _mime_type(data: bytes) -> str | None:
 
 
 def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
-    """Return the name, with a number before its extension if beside `path` it is another output's or another file's."""
+    """Return the name, with a number before its extension if beside `path` it is another output's or another file's.
+
+    Where others write there at the same time it has a digest of the picture instead, whatever lies there.
+    """
+    if outputs.staged:
+        file = Path(name)
+        return f"{file.stem}-{hashlib.sha256(data).hexdigest()[:8]}{file.suffix}"
     own = (path, path.with_suffix(".bin"))
     return next(
         free.name
         for free in _names(outputs, path.parent / name)
-        if free not in own and (outputs.may_replace(free) or free.read_bytes() == data)
+        if free not in own and (not free.exists() or free.read_bytes() == data)
     )
 
 

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import aoprecalc
+from aoprecalc.limits import whole_cores
 from aoprecalc.pipeline.crew.child import Child
 from aoprecalc.pipeline.crew.glance import Glance, Seen
 from aoprecalc.pipeline.crew.work import Failure, Job, Outcome
@@ -53,7 +54,7 @@ def look_around(folder: str, dask_worker: Any = None) -> Place:
     return Place(
         version=aoprecalc.__version__,
         host=socket.gethostname(),
-        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        cores=whole_cores(),
         gpus=resources.get("GPU", 0),
         sees=os.path.isdir(folder),
     )
@@ -75,7 +76,6 @@ def work_on_bytes(
     """
     with TemporaryDirectory(prefix="aoprecalc-") as root:
         there = _below(job, Path(root))
-        there.staging.mkdir(parents=True)
         for path, data in inputs.items():
             file = _moved(Path(path), Path(root))
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -116,7 +116,7 @@ def _ask(request: Job | Glance, batch: str, timeout: float | None, retries: int)
 def _below(job: Job, root: Path) -> Job:
     """Return a job whose files lie below another root."""
     mesh, folder, staging = (_moved(path, root) for path in (job.mesh, job.folder, job.staging))
-    return replace(job, mesh=mesh, folder=folder, staging=staging, own=())
+    return replace(job, mesh=mesh, folder=folder, staging=staging)
 
 
 def _moved(path: Path, root: Path) -> Path:

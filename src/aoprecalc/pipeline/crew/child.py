@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from multiprocessing import Pipe
 from tempfile import TemporaryFile
 from typing import Any
 
+from aoprecalc.children import command, environment
 from aoprecalc.pipeline.crew.glance import Glance
 from aoprecalc.pipeline.crew.work import Failure, Job
 
@@ -112,13 +112,13 @@ class Child:
         descriptor = far.fileno()
         # What a library prints is kept apart: standard output is for results, and a table may be on standard error.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "aoprecalc.pipeline.worker", str(descriptor), str(os.getpid())],
+            command("aoprecalc.pipeline.worker", str(descriptor), str(os.getpid())),
             stdin=subprocess.DEVNULL,
             stdout=self._said,
             stderr=self._said,
             pass_fds=[descriptor],
             start_new_session=True,  # Ctrl-C does not reach it, and its own children can be killed with it
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},  # finds what this process found
+            env=environment(),
         )
         far.close()
         self._done = 0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Protocol
 
+from aoprecalc.limits import usable_memory, whole_cores
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.crew.child import Child
 from aoprecalc.pipeline.crew.work import Job, Outcome
@@ -46,7 +47,7 @@ class LocalCrew:
         self._size = max(1, min(jobs, count))
         self._options = options
         # who has set this has decided
-        self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, _cores() // self._size)
+        self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, whole_cores() // self._size)
 
     def run(self, jobs: Sequence[Job]) -> Generator[Event]:
         """See Crew."""
@@ -92,15 +93,7 @@ def _threads(work: Callable[[], None], count: int, stop: threading.Event) -> Ite
             thread.join()
 
 
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _default_jobs() -> int:
     """Return as many jobs as there are cores, if there is memory for each."""
-    try:
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):  # not told
-        return _cores()
-    return max(1, min(_cores(), memory // _OF_JOB))
+    memory = usable_memory()
+    return whole_cores() if memory is None else max(1, min(whole_cores(), memory // _OF_JOB))

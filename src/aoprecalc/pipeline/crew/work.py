@@ -28,7 +28,6 @@ class Job:
     shown     the same as messages and reports call it
     folder    where its files are to go, absolute, and their names begin with `stem`
     staging   where they are written, of the same file system
-    own       what an earlier batch made of the asset, which may be replaced
     order     what is made
     spread    address of the scheduler over whose workers the visibility is spread; None: it is not
     """
@@ -39,7 +38,6 @@ class Job:
     folder: Path
     stem: str
     staging: Path
-    own: tuple[Path, ...]
     order: Order
     spread: str | None = None
 
@@ -130,7 +128,8 @@ def work(
 
 def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
     order, folder, summary = job.order, job.folder, dict[str, Any]()
-    with Outputs(job.staging, job.own) as outputs:
+    job.staging.mkdir(parents=True, exist_ok=True)
+    with Outputs(job.staging) as outputs:
         if order.bake is not None:
             baked = recipes.bake(
                 job.mesh,
@@ -157,8 +156,7 @@ def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
                 "spheres": len(fitted.spheres),
                 "silhouette_iou": round(fitted.quality["silhouette_iou"], 4),
             }
-        home = Path(os.path.realpath(folder))
-        files = {str(place.relative_to(home)): written for place, written in outputs.release().items()}
+        files = {place.name: written for place, written in outputs.release().items()}
     lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
     return Made(files, {**summary, "warnings": lines})
 

@@ -26,9 +26,9 @@ def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str
     for pattern in patterns:
         path = os.path.join(root, pattern)
         if os.path.isdir(path):
-            fitting = _meshes(os.path.join(glob.escape(path), "**"), made)
+            fitting = _meshes(Path(path), "**/*")
         elif is_pattern(pattern, root):
-            fitting = _meshes(os.path.join(glob.escape(os.fspath(root)), pattern), made)
+            fitting = _meshes(*_split(Path(root), pattern))
         else:
             fitting = [Path(path)] if os.path.exists(path) or _is_mesh(path) else []  # a missing mesh fails by itself
         if not fitting:
@@ -86,10 +86,21 @@ def check_distinct(names: Sequence[str], meshes: Sequence[Path]) -> None:
             )
 
 
-def _meshes(pattern: str, made: Callable[[Path], bool]) -> list[Path]:
-    """Return the mesh files that a pattern fits, sorted, but for those that a batch has `made`."""
-    fitting = glob.iglob(pattern, recursive=True)
-    return sorted(mesh for path in fitting if _is_mesh(path) and os.path.isfile(path) and not made(mesh := Path(path)))
+def _split(root: Path, pattern: str) -> tuple[Path, str]:
+    """Return the folder of a pattern up to its first wildcard, and the rest of the pattern."""
+    parts = Path(pattern).parts
+    first = next(number for number in range(len(parts)) if is_pattern(os.path.join(*parts[: number + 1]), root))
+    rest = [*parts[first:], *(["*"] if parts[-1] == "**" else [])]
+    return root.joinpath(*parts[:first]), "/".join(rest)
+
+
+def _meshes(folder: Path, pattern: str) -> list[Path]:
+    """Return the mesh files below a folder that a pattern fits, sorted; ** follows no links, which may lead in circles.
+
+    What begins with a dot is hidden.
+    """
+    found = [path for path in folder.glob(pattern) if _is_mesh(path.name) and path.is_file()]
+    return sorted(path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
 
 
 def _is_mesh(path: str) -> bool:

@@ -5,6 +5,9 @@ import json
 import os
 import time
 from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,12 +27,12 @@ class Stamp:
     """A file as it was looked at.
 
     size    in bytes; -1: there was none
-    time    of its last change, in nanoseconds; 0: too recent to be trusted
+    times   of the last change of what it holds and of the file itself, in nanoseconds; None: too recent to be trusted
     digest  SHA-256 of what it holds, in hexadecimal; empty where there was no file
     """
 
     size: int
-    time: int
+    times: tuple[int, int] | None
     digest: str
 
     @classmethod
@@ -39,18 +42,18 @@ class Stamp:
             found = path.stat()
             data = path.read_bytes() if data is None else data
         except OSError:
-            return cls(-1, 0, "")
-        # What changes within a tick of being looked at might have the same size and time afterwards.
-        trusted = certain or found.st_mtime_ns < time.time_ns() - _TICK
-        return cls(len(data), found.st_mtime_ns if trusted else 0, hashlib.sha256(data).hexdigest())
+            return cls(-1, None, "")
+        # What changes within a tick of being looked at might have the same size and times afterwards.
+        trusted = certain or max(_times(found)) < time.time_ns() - _TICK
+        return cls(len(data), _times(found) if trusted else None, hashlib.sha256(data).hexdigest())
 
     def is_now(self, path: Path) -> bool:
-        """Tell by size and time whether a file is certainly the same."""
+        """Tell by size and times whether a file is certainly the same."""
         try:
             found = path.stat()
         except OSError:
             return self.size == -1
-        return found.st_size == self.size and found.st_mtime_ns == self.time
+        return (found.st_size, _times(found)) == (self.size, self.times)
 
 
 def file_digest(path: Path) -> str:
@@ -71,13 +74,13 @@ class Inputs:
         try:
             data = mesh.read_bytes()
         except OSError:
-            return cls({mesh.name: Stamp(-1, 0, "")})
+            return cls({mesh.name: Stamp(-1, None, "")})
         paths = input_files(mesh, data)
         stamps = {_way(path, mesh): Stamp.of(path) for path in paths[1:]}
         return cls({mesh.name: Stamp.of(mesh, data), **stamps})
 
     def are_now(self, mesh: Path) -> bool:
-        """Tell by size and time whether all files are certainly the same."""
+        """Tell by size and times whether all files are certainly the same."""
         return all(stamp.is_now(mesh.parent / way) for way, stamp in self.files.items())
 
     def same_as(self, other: "Inputs") -> bool:
@@ -94,6 +97,7 @@ def order_key(asset: Asset, output: Path) -> str:
     return _digest(
         {
             "version": __version__,
+            "unwrappers": _unwrappers(),
             "mesh": asset.mesh.name,
             "stem": asset.stem,
             "bake": _that_matter(asset.order.bake),
@@ -106,7 +110,7 @@ def order_key(asset: Asset, output: Path) -> str:
 
 
 def result_key(order: str, inputs: Inputs) -> str:
-    """Return the digest of everything that decides what comes of an asset: the same key, the same bytes."""
+    """Return the digest of everything but the machine that decides what comes of an asset."""
     return _digest({"order": order, "inputs": inputs.digests()})
 
 
@@ -118,6 +122,17 @@ def _that_matter(options: BakeOptions | SphereOptions | None) -> dict[str, Any] 
 
 def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+
+
+def _times(found: os.stat_result) -> tuple[int, int]:
+    # The second tells apart what the first does not: some tools set it to one time for all files.
+    return found.st_mtime_ns, found.st_ctime_ns
+
+
+@cache
+def _unwrappers() -> list[str]:
+    """Return the versions of what makes UVs; one that comes or goes changes what `--unwrap auto` chooses."""
+    return [f"{name} {version(name)}" for name in ("xatlas", "uvunwrap") if find_spec(name) is not None]
 
 
 def _way(path: Path, mesh: Path) -> str:

@@ -1,5 +1,6 @@
 """Where results are kept and looked for: the output folder with its records, and the cache."""
 
+import errno
 import os
 import secrets
 import shutil
@@ -15,7 +16,7 @@ from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.asset import Asset
 from aoprecalc.pipeline.crew.work import Failure, Job, Made, Outcome
 from aoprecalc.pipeline.store.cache import Cache
-from aoprecalc.pipeline.store.inputs import Inputs, Stamp, file_digest, order_key, result_key
+from aoprecalc.pipeline.store.inputs import Inputs, Stamp, order_key, result_key
 from aoprecalc.pipeline.store.records import Record, Records
 from aoprecalc.pipeline.watching import Result, Status, Watcher
 
@@ -51,7 +52,6 @@ class Library(AbstractContextManager["Library"]):
         self._records = Records(output)
         self._stack = ExitStack()
         self._added = False  # to the cache
-        self._owners: dict[Path, tuple[str, str]] = {}  # an output -> its asset and what it holds
 
     def __enter__(self) -> "Library":
         """Keep other batches out; raises OutputError where a folder cannot be written."""
@@ -74,26 +74,23 @@ class Library(AbstractContextManager["Library"]):
         if self._options.force:
             there = None
         if there is not None and there.inputs.are_now(asset.mesh):
-            return self._unchanged(asset, there)
+            return Result(asset, "unchanged", tuple(there.outputs), there.summary)
         inputs = Inputs.of(asset.mesh)
         if there is not None and there.inputs.same_as(inputs):
-            self._records.put(
-                asset.name, Record(order, inputs, there.outputs, there.summary)
-            )  # their times have changed
-            return self._unchanged(asset, there)
+            with suppress(OSError):  # then they are looked into the next time as well
+                self._records.put(asset.name, Record(order, inputs, there.outputs, there.summary))
+            return Result(asset, "unchanged", tuple(there.outputs), there.summary)
         task = Task(asset, order, result_key(order, inputs), inputs, record)
         if self._cache is not None and not self._options.force:
             found = self._cache.get(task.key, self._records.staging)
-            if found is not None and self._fits(task, found[0]):
+            if found is not None:
                 return self._placed(task, "cached", *found, seconds=0.0)
         return task
 
     def job(self, task: Task, threads: int) -> Job:
-        """Return the job that makes an asset, and the folder that it writes to."""
+        """Return the job that makes an asset."""
         asset, folder = task.asset, self._folder(task.asset)
         staging = self._records.staging / secrets.token_hex(8)
-        staging.mkdir()
-        own = () if task.before is None else tuple(folder / name for name in task.before.outputs)
         return Job(
             name=asset.name,
             mesh=Path(os.path.abspath(asset.mesh)),
@@ -101,7 +98,6 @@ class Library(AbstractContextManager["Library"]):
             folder=Path(os.path.abspath(folder)),
             stem=asset.stem,
             staging=Path(os.path.abspath(staging)),
-            own=own,
             order=asset.order.with_threads(threads),
             spread=self._options.scheduler if self._options.split else None,
         )
@@ -119,30 +115,17 @@ class Library(AbstractContextManager["Library"]):
         finally:
             shutil.rmtree(job.staging, ignore_errors=True)
 
-    def _fits(self, task: Task, files: Mapping[str, Path]) -> bool:
-        """Tell whether a result can be placed: files that go with it replace no other file of their names.
-
-        Where they would, the asset is made, with other names for them.
-        """
-        folder, own = self._folder(task.asset), task.before.outputs if task.before else {}
-        others = [name for name in files if name not in own and not name.startswith(f"{task.asset.stem}_")]
-        return all(Stamp.of(folder / name).digest in ("", file_digest(files[name])) for name in others)
-
     def prune(self, assets: Collection[str]) -> None:
         """Remove what earlier batches made of other assets than these, where nobody has changed it."""
-        for name in self._records.names():
-            if name not in assets and (record := self._records.get(name)) is not None:
+        for name in set(self._records.names()) - set(assets):
+            if (record := self._records.get(name)) is not None:
                 self._records.drop(name)
-                self._remove(record.outputs, self._output / name.rpartition("/")[0])
+                self._remove(record.outputs, self._records.folder(name))
 
     def _remove(self, outputs: Mapping[str, Stamp], folder: Path) -> None:
         """Remove files that no asset has now, if nobody has changed them, and their folder if nothing else is in it."""
-        idle = {name: stamp for name, stamp in outputs.items() if folder / name not in self._owners}
-        if idle:
-            recorded = self._records.outputs()
-            idle = {name: stamp for name, stamp in idle.items() if folder.resolve() / name not in recorded}
-        for name, stamp in idle.items():
-            if Stamp.of(folder / name).digest == stamp.digest:
+        for name, stamp in outputs.items():
+            if not self._records.has(folder / name) and Stamp.of(folder / name).digest == stamp.digest:
                 (folder / name).unlink(missing_ok=True)
         with suppress(OSError):
             folder.rmdir()
@@ -162,22 +145,20 @@ class Library(AbstractContextManager["Library"]):
     ) -> Result:
         """Move files from the staging folder to their places, and record them."""
         asset, folder = task.asset, self._folder(task.asset)
-        stamps = {name: Stamp.of(file, certain=True) for name, file in sorted(files.items())}
-        for name, stamp in stamps.items():
-            owner, digest = self._owners.setdefault(folder / name, (asset.name, stamp.digest))
-            if digest != stamp.digest:
-                found = f"{folder / name}: would be written by {owner} and {asset.name}, with different contents"
-                return _failed(asset, Failure("error", f"{found}; give them names in folders of their own"))
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            for name in files:  # none is moved if one cannot be
+                if (folder / name).is_dir():
+                    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
             for name, file in files.items():
                 os.replace(file, folder / name)
+            stamps = {name: Stamp.of(folder / name, certain=True) for name in sorted(files)}
             self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
-            if task.before is not None:
+            if task.before is not None and task.before.outputs.keys() - files.keys():
                 self._remove(task.before.outputs, folder)
         except OSError as error:
-            reason = f"{error.filename2 or error.filename}: cannot be written ({error.strerror}); choose another output"
-            return _failed(asset, Failure("error", reason))
+            found = f"{error.filename2 or error.filename or folder}: cannot be written ({error.strerror or error})"
+            return _failed(asset, Failure("error", f"{found}; choose another output", seconds=seconds))
         return Result(asset, status, tuple(stamps), summary, seconds=seconds)
 
     def _is_whole(self, record: Record, folder: Path) -> bool:
@@ -187,13 +168,8 @@ class Library(AbstractContextManager["Library"]):
             for name, stamp in record.outputs.items()
         )
 
-    def _unchanged(self, asset: Asset, record: Record) -> Result:
-        folder = self._folder(asset)
-        self._owners |= {folder / name: (asset.name, stamp.digest) for name, stamp in record.outputs.items()}
-        return Result(asset, "unchanged", tuple(record.outputs), record.summary)
-
     def _folder(self, asset: Asset) -> Path:
-        return self._output / asset.folder
+        return self._records.folder(asset.name)
 
 
 def _failed(asset: Asset, failure: Failure) -> Result:

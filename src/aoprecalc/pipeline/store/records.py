@@ -7,6 +7,7 @@ then everything is made again, or taken from the cache.
 import json
 import os
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -16,8 +17,10 @@ from typing import Any
 from aoprecalc.errors import OutputError
 from aoprecalc.pipeline.store.inputs import Inputs, Stamp
 
-SCHEMA = 1
+SCHEMA = 2
 HOME = ".aoprecalc"
+
+_SUFFIX = ".asset.json"  # as no folder is called that assets lie in
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class Records:
         self._home = output / HOME
         self._assets = self._home / "assets"
         self.staging = self._home / "staging"
+        self._holders: Counter[Path] | None = None  # a file -> how many assets have it; None: nobody has asked
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -73,6 +77,8 @@ class Records:
 
     def put(self, name: str, record: Record) -> None:
         """Write the record of an asset."""
+        self._count(name, self.get(name), -1)
+        self._count(name, record, 1)
         file = self._file(name)
         file.parent.mkdir(parents=True, exist_ok=True)
         written = self.staging / f"record-{os.getpid()}"
@@ -81,24 +87,43 @@ class Records:
 
     def names(self) -> list[str]:
         """Return the names of all recorded assets, sorted."""
-        files = self._assets.rglob("*.json")
-        return sorted(file.relative_to(self._assets).with_suffix("").as_posix() for file in files)
+        files = self._assets.rglob(f"*{_SUFFIX}")
+        return sorted(file.relative_to(self._assets).as_posix().removesuffix(_SUFFIX) for file in files)
 
     def drop(self, name: str) -> None:
         """Forget an asset."""
+        self._count(name, self.get(name), -1)
         self._file(name).unlink(missing_ok=True)
 
+    def folder(self, name: str) -> Path:
+        """Return the folder that an asset's files lie in."""
+        return (self._output / name).parent
+
     def outputs(self) -> set[Path]:
-        """Return the files that all recorded assets have, with links followed."""
-        found = set()
-        for file in self._assets.rglob("*.json"):
-            folder = self._output / file.relative_to(self._assets).parent
-            if record := _read(file):
-                found |= {Path(os.path.realpath(folder / name)) for name in record.outputs}
+        """Return the files that recorded assets have, with links followed."""
+        return {Path(os.path.realpath(file)) for file in self._held()}
+
+    def has(self, file: Path) -> bool:
+        """Tell whether a file, named by its asset's folder, is one that a recorded asset has."""
+        if self._holders is None:
+            self._holders = self._held()
+        return self._holders[file] > 0
+
+    def _held(self) -> Counter[Path]:
+        found: Counter[Path] = Counter()
+        for name in self.names():
+            if record := self.get(name):
+                found.update(self.folder(name) / output for output in record.outputs)
         return found
 
+    def _count(self, name: str, record: Record | None, by: int) -> None:
+        """Keep the number of holders, where it is known."""
+        if self._holders is not None and record is not None:
+            for output in record.outputs:
+                self._holders[self.folder(name) / output] += by
+
     def _file(self, name: str) -> Path:
-        return self._assets / f"{name}.json"
+        return self._assets / f"{name}{_SUFFIX}"
 
 
 def _read(file: Path) -> Record | None:
@@ -113,7 +138,10 @@ def _read(file: Path) -> Record | None:
 
 
 def _stamps(table: dict[str, Any]) -> dict[str, Stamp]:
-    return {way: Stamp(**stamp) for way, stamp in table.items()}
+    return {
+        way: Stamp(stamp["size"], stamp["times"] and (int(stamp["times"][0]), int(stamp["times"][1])), stamp["digest"])
+        for way, stamp in table.items()
+    }
 
 
 @contextmanager
