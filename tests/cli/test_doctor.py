@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import aoprecalc
+from aoprecalc import limits
 from aoprecalc.cli.doctor import doctor as command
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.gl.context import CANDIDATES
@@ -224,7 +225,7 @@ def test_the_self_test_finds_a_wrong_picture(monkeypatch):
 
 
 def test_the_limits_of_a_container_count(monkeypatch, tmp_path):
-    monkeypatch.setattr(machine, "_CGROUP", tmp_path)
+    monkeypatch.setattr(limits, "_CGROUP", tmp_path)
     free = machine.machine()
     (tmp_path / "cpu.max").write_text("50000 100000\n")
     (tmp_path / "memory.max").write_text("1048576\n")

@@ -29,7 +29,7 @@ def job(folder, name, order=None):
     mesh = write_ring(folder / f"{name}.obj")
     (folder / "staging").mkdir(exist_ok=True)
     order = order or Order(spheres=SPHERES)
-    return Job(name, mesh, f"in/{name}.obj", folder / "out", name, folder / "staging", (), order)
+    return Job(name, mesh, f"in/{name}.obj", folder / "out", name, folder / "staging", order)
 
 
 def tries(of):

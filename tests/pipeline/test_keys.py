@@ -12,6 +12,7 @@ from aoprecalc.files import input_files, load_scene
 from aoprecalc.files.meshes import READERS, source_files
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline.asset import Asset, Order
+from aoprecalc.pipeline.store import inputs
 from aoprecalc.pipeline.store.inputs import Inputs, Stamp, order_key, result_key
 from files.gltf_documents import DOCUMENTS, STACKED, corner, pictured
 from files.gltf_maker import GltfMaker, png
@@ -225,12 +226,14 @@ def test_the_name_of_the_output_folder_does_not_matter():
     assert order_key(asset, Path("out")) == order_key(asset, Path("made"))
 
 
-def test_a_file_is_trusted_by_its_time_once_that_is_old_enough(tmp_path):
+def test_a_file_is_trusted_by_its_times_once_they_are_old_enough(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_bytes(b"one")
     assert not Stamp.of(file).is_now(file)  # it might be changed again within the same tick of the clock
     assert Stamp.of(file, certain=True).is_now(file)
     os.utime(file, ns=(10**18, 10**18))
+    assert not Stamp.of(file).is_now(file)  # anyone can say that; the system's own time is that of now
+    monkeypatch.setattr(inputs, "_TICK", -(10**12))
     stamp = Stamp.of(file)
     assert stamp.is_now(file)
     os.utime(file, ns=(10**18, 10**18 + 1))
@@ -244,7 +247,7 @@ def test_a_file_is_trusted_by_its_time_once_that_is_old_enough(tmp_path):
 
 def test_a_file_that_is_missing_is_known_as_that(tmp_path):
     stamp = Stamp.of(tmp_path / "file")
-    assert stamp == Stamp(-1, 0, "")
+    assert stamp == Stamp(-1, None, "")
     assert stamp.is_now(tmp_path / "file")
     (tmp_path / "file").write_bytes(b"")
     assert not stamp.is_now(tmp_path / "file")

@@ -3,24 +3,28 @@
 import json
 import os
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from aoprecalc.options import BatchOptions, SphereOptions
 from aoprecalc.pipeline import batch
+from aoprecalc.pipeline.store import inputs
+from aoprecalc.pipeline.store import records as records_module
 from aoprecalc.pipeline.store.inputs import Inputs, Stamp
 from aoprecalc.pipeline.store.records import Record, Records
 from files.gltf_documents import STACKED, corner, pictured
 from files.gltf_maker import GltfMaker
 from pipeline.helpers import BAKE, HOME, SPHERES, contents, said, statuses, without_times, write_ring
 
-OLD = (10**18, 10**18)  # a time that is old enough to be trusted
+OLD = (10**18, 10**18)  # a time that tools may give to any file
 
 
 @pytest.fixture
 def rings(tmp_path, monkeypatch):
-    """Two meshes, in the present folder."""
+    """Two meshes, in the present folder, whose times are trusted at once."""
+    monkeypatch.setattr(inputs, "_TICK", -(10**12))
     monkeypatch.chdir(tmp_path)
     for name, minor in (("a", 0.4), ("b", 0.3)):
         os.utime(write_ring(tmp_path / f"in/{name}.obj", minor), ns=OLD)
@@ -34,7 +38,7 @@ def make(bake=None, spheres=SPHERES, patterns="in", **options):
 
 
 def record(name="a"):
-    return json.loads(Path(f"out/{HOME}/assets/{name}.json").read_text())
+    return json.loads(Path(f"out/{HOME}/assets/{name}.asset.json").read_text())
 
 
 @pytest.fixture
@@ -65,7 +69,7 @@ def test_a_touched_input_is_looked_at_once(made, rings, crew):
     os.utime(rings / "a.obj", ns=(OLD[0], OLD[1] + 1))
     assert make() == {"a": "unchanged", "b": "unchanged"}
     assert crew.jobs == []
-    assert record()["inputs"]["files"]["a.obj"]["time"] == OLD[1] + 1
+    assert record()["inputs"]["files"]["a.obj"]["times"][0] == OLD[1] + 1
 
 
 def test_a_changed_input_is_made_again(made, rings, crew):
@@ -139,7 +143,7 @@ RECORDS = {
     "no text": lambda text: "\udcff",
     "a list": lambda text: "[]",
     "null": lambda text: "null",
-    "of another version": lambda text: text.replace('"schema": 1', '"schema": 2'),
+    "of another version": lambda text: text.replace('"schema": 2', '"schema": 1'),
     "without inputs": lambda text: text.replace('"inputs"', '"imports"'),
     "with inputs of another kind": lambda text: json.dumps(json.loads(text) | {"inputs": {"files": ["a.obj"]}}),
     "with outputs of another kind": lambda text: json.dumps(json.loads(text) | {"outputs": "a_spheres.json"}),
@@ -150,7 +154,7 @@ RECORDS = {
 @pytest.mark.parametrize("how", RECORDS)
 def test_a_damaged_record_is_as_none(how, made, crew):
     before = contents(made)
-    file = made / HOME / "assets/a.json"
+    file = made / HOME / "assets/a.asset.json"
     text = RECORDS[how](file.read_text())
     file.write_bytes(text.encode(errors="surrogateescape"))
     assert make() == {"a": "made", "b": "unchanged"}
@@ -282,7 +286,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path):
     records = Records(tmp_path / "out")
     with records.held():
         assert records.get("props/rock") is None
-        stamp = Stamp(7, 10**18, "abcd")
+        stamp = Stamp(7, OLD, "abcd")
         written = Record("order", Inputs({"rock.obj": stamp}), {"rock_spheres.json": stamp}, {"warnings": ["ä"]})
         records.put("props/rock", written)
         assert records.get("props/rock") == written
@@ -304,10 +308,10 @@ def corners(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("one", "other"), ["ab", "ba"])
 def test_a_file_of_two_assets_stays_while_one_has_it(one, other, corners, crew):
     assert make(BAKE, None) == {"a": "made", "b": "made"}
-    assert (corners / "wood.png").is_file()
+    (wood,) = corners.glob("wood*.png")
     assert make(None, SPHERES, patterns=f"in/{one}.gltf") == {one: "made"}
     assert make(BAKE, None, patterns=f"in/{other}.gltf") == {other: "unchanged"}
-    assert (corners / "wood.png").is_file()
+    assert wood.is_file()
     assert make(None, SPHERES) == {one: "unchanged", other: "made"}
     assert sorted(contents(corners)) == ["a_spheres.json", "b_spheres.json"]
 
@@ -318,7 +322,7 @@ def test_a_failure_keeps_a_file_that_the_other_asset_has_no_more(one, other, cor
     before = contents(corners)
     (corners.parent / f"in/{other}.gltf").write_text("damaged")
     assert make(None, SPHERES) == {one: "made", other: "failed"}
-    kept = {name: data for name, data in before.items() if name.startswith(f"{other}_") or name == "wood.png"}
+    kept = {name: data for name, data in before.items() if name.startswith((f"{other}_", "wood"))}
     assert contents(corners).items() >= kept.items()
 
 
@@ -330,5 +334,67 @@ def test_a_file_of_the_users_is_not_replaced(cached, corners, crew):
         shutil.rmtree(corners)
     corners.mkdir()
     (corners / "wood.png").write_text("mine")
-    make(BAKE, None, cache="cache")
+    became = "cached" if cached else "made"
+    assert make(BAKE, None, cache="cache") == {"a": became, "b": became}
     assert (corners / "wood.png").read_text() == "mine"
+    assert len(list(corners.glob("wood*.png"))) == 2
+
+
+def test_files_of_one_name_are_told_apart_whatever_ends_first(tmp_path):
+    """Three documents side by side, each with a picture of the same name in a folder of its own."""
+    for number, name in enumerate("abc"):
+        (tmp_path / "in" / name).mkdir(parents=True)
+        maker = GltfMaker(tmp_path / "in")
+        maker.node(mesh=maker.mesh(corner(maker, STACKED, material=pictured(maker, "wood.png"))))
+        maker.json["images"][0]["uri"] = f"{name}/wood.png"
+        maker.save(f"{name}.gltf", f"{name}.bin")
+        picture = (tmp_path / "in/wood.png").read_bytes()
+        (tmp_path / "in" / name / "wood.png").write_bytes(picture + bytes(number))
+    folders = [tmp_path / "one by one", tmp_path / "together"]
+    for jobs, folder in zip((1, 3), folders, strict=True):
+        assert batch(tmp_path / "in", folder, bake=BAKE, options=BatchOptions(jobs=jobs)).passed
+    first, second = (without_times(contents(folder)) for folder in folders)
+    assert first == second
+    assert sum(name.startswith("wood-") for name in first) == 3
+
+
+def test_a_time_that_all_files_have_hides_no_change(made, rings, crew):
+    """Reproducible archives give every file the same one."""
+    before = (rings / "a.obj").read_bytes()
+    after = before.replace(b"v 1.", b"v 2.", 1)
+    assert len(after) == len(before)
+    assert after != before
+    for data in (before, after):
+        (rings / "a.obj").write_bytes(data)
+        os.utime(rings / "a.obj", ns=(0, 0))
+        became = make()["a"]
+    assert became == "made"
+
+
+def test_an_output_that_is_a_link_is_replaced(made, rings, crew):
+    """As a move replaces it; what it led to stays."""
+    (rings.parent / "elsewhere.json").write_text("mine")
+    (made / "a_spheres.json").unlink()
+    (made / "a_spheres.json").symlink_to("../elsewhere.json")
+    assert make() == {"a": "made", "b": "unchanged"}
+    assert not (made / "a_spheres.json").is_symlink()
+    assert (rings.parent / "elsewhere.json").read_text() == "mine"
+
+
+def test_what_cannot_be_placed_whole_is_not_placed(rings, crew):
+    """A folder has the name of the last file."""
+    (rings.parent / "out/a_spheres.json/full").mkdir(parents=True)
+    assert make(BAKE) == {"a": "failed", "b": "made"}
+    assert not [name for name in contents(rings.parent / "out") if name.startswith("a_")]
+
+
+def test_pruning_reads_each_record_a_few_times_however_many_there_are(rings, crew, monkeypatch):
+    for number in range(6):
+        write_ring(rings / f"more/{number}.obj", 0.2 + 0.05 * number)
+    make()
+    reads = []
+    real = records_module._read
+    monkeypatch.setattr(records_module, "_read", lambda file: reads.append(file.name) or real(file))
+    assert make(patterns=["in/a.obj", "in/b.obj"], prune=True) == {"a": "unchanged", "b": "unchanged"}
+    assert list(contents(rings.parent / "out")) == ["a_spheres.json", "b_spheres.json"]
+    assert max(Counter(reads).values()) <= 4
