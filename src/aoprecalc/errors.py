@@ -14,6 +14,10 @@ class OutputError(AoprecalcError):
     """A result could not be written (exit code 1)."""
 
 
+class AnswerError(AoprecalcError):
+    """The work was done, and its answer is no; what was written stays (exit code 1)."""
+
+
 class KilledError(AoprecalcError):
     """A process that did part of the work was killed, perhaps for want of memory (exit code 1)."""
 

@@ -121,7 +121,8 @@ def test_the_manifest_asks_for_what_its_comments_say(tmp_path, monkeypatch):
     make_meshes(tmp_path / "assets")
     shutil.copy(CI / "aoprecalc.toml", tmp_path)
     monkeypatch.chdir(tmp_path)
-    assets, folder = plan(["aoprecalc.toml"], None, None)
+    planned = plan(["aoprecalc.toml"], None, None)
+    assets, folder = planned.assets, planned.output
     assert folder == Path("build/ao")
     orders = {asset.name: asset.order for asset in assets}
     assert sorted(orders) == NAMES
@@ -250,7 +251,7 @@ def test_the_hook_stops_a_commit_of_a_broken_mesh(project):
     break_mesh(project)
     done = run(project, *shlex.split(HOOK["entry"]))
     assert done.returncode == 1
-    assert "assets/props/broken.obj" in done.stderr
+    assert "assets/props/broken.obj" in done.stdout
 
 
 @pytest.mark.parametrize(

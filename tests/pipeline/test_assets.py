@@ -3,6 +3,7 @@
 import os
 
 import pytest
+import trimesh
 
 from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline import batch, plan
@@ -194,3 +195,30 @@ def test_what_a_plan_needs(patterns, output, words, here):
     message, code = said(plan, patterns, output, None)
     assert code == 2
     assert words in message
+
+
+def test_links_to_folders_are_no_way_for_two_stars(here):
+    """They may lead in circles."""
+    (here / "props/up").symlink_to("..")
+    (here / "self").symlink_to(".")
+    assert not [name for name in found("**/*") if "up" in name or "self" in name]
+    assert not [name for name in found(".") if "up" in name or "self" in name]
+
+
+def test_what_has_its_kind_in_its_name_has_it_in_all_names(tmp_path, monkeypatch, crew):
+    """An STL becomes a GLB, and would have the name of the other one's."""
+    monkeypatch.chdir(tmp_path)
+    for kind in ("glb", "stl"):
+        trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
+    assert statuses(batch("*.*", "out", bake=BAKE)) == {"ball_glb": "made", "ball_stl": "made"}
+    assert [name for name in contents(tmp_path / "out") if name.endswith(".glb")] == [
+        "ball_glb_ao.glb",
+        "ball_stl_ao.glb",
+    ]
+
+
+def test_what_is_no_mesh_is_refused_before_any_work(here):
+    (here / "wood.png").touch()
+    message, code = said(plan, ["wood.png"], "../out", None)
+    assert code == 4
+    assert message.startswith("wood.png: fits no mesh")

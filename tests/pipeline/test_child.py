@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.asset import Order
 from aoprecalc.pipeline.crew.child import Child
+from aoprecalc.pipeline.crew.crew import LocalCrew
 from aoprecalc.pipeline.crew.work import Failure, Job, Made
 from pipeline.helpers import BAKE, SPHERES, wait_until, write_ring
 
@@ -155,3 +157,33 @@ def test_a_worker_ends_when_it_is_closed(tmp_path):
     child.close()
     assert gone(pid)
     child.close()
+
+
+def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
+    """Whatever goes wrong around it: an outcome that never comes would be waited for."""
+
+    def run(*given, **options):
+        raise ValueError("no such thing here")
+
+    monkeypatch.setattr(Child, "run", run)
+    events = list(LocalCrew(2, BatchOptions(jobs=2)).run([job(tmp_path, "a"), job(tmp_path, "b")]))
+    outcomes = {event.job.name: event.outcome for event in events if event.outcome is not None}
+    assert outcomes.keys() == {"a", "b"}
+    assert outcomes["a"].message == "in/a.obj: its process could not be used (ValueError: no such thing here)"
+
+
+def test_an_idle_process_goes(child, tmp_path):
+    assert isinstance(child.run(job(tmp_path, "a"), print), Made)
+    process = child._process.pid
+    child.close_after(0.1)
+    wait_until(lambda: not Path(f"/proc/{process}").exists())
+    assert isinstance(child.run(job(tmp_path, "a"), print), Made)
+
+
+def test_a_process_that_is_used_again_stays(child, tmp_path):
+    child.run(job(tmp_path, "a"), print)
+    process = child._process.pid
+    child.close_after(3600)
+    child.run(job(tmp_path, "a"), print)
+    assert child._process.pid == process
+    assert not child._alarm.is_alive() or child._alarm.finished.is_set()

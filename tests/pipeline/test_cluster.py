@@ -7,15 +7,18 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from aoprecalc import BakeOptions, BatchOptions, SphereOptions, batch
 from aoprecalc.errors import AoprecalcError, UsageError
 from aoprecalc.pipeline import Watcher
-from aoprecalc.pipeline.cluster import workers
+from aoprecalc.pipeline.asset import Order
+from aoprecalc.pipeline.cluster import remote, workers
 from aoprecalc.pipeline.cluster.remote import Place
-from pipeline.helpers import contents, without_times, write_ring
+from aoprecalc.pipeline.crew.work import Job
+from pipeline.helpers import contents, wait_until, without_times, write_ring
 
 distributed = pytest.importorskip("distributed")
 
@@ -172,6 +175,73 @@ def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch)
     assert not result.passed
 
 
+def processes_of(cluster):
+    """Worker processes of batches that the workers of a cluster have."""
+    with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
+        return [process for each in client.run(jobs_of_this_process).values() for process in each]
+
+
+def jobs_of_this_process():
+    found = []
+    for children in Path(f"/proc/{os.getpid()}/task").glob("*/children"):
+        for child in children.read_text().split():
+            if b"aoprecalc.pipeline.worker" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(int(child))
+    return found
+
+
+def test_a_batch_leaves_no_process_on_the_workers(two_workers, meshes, tmp_path):
+    assert on(two_workers, meshes, tmp_path / "a").passed
+    assert on(two_workers, meshes / "deep", tmp_path / "b", split=True).passed
+    wait_until(lambda: processes_of(two_workers) == [])
+
+
+def test_a_batch_that_died_leaves_none_for_long(two_workers, meshes, tmp_path):
+    def hasten():
+        remote._IDLE = 0.5
+
+    with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
+        client.run(hasten)
+        for name in client.ncores():
+            job = Job("a", meshes / "a.obj", "a.obj", tmp_path, "a", tmp_path / "staging", Order(spheres=SPHERES))
+            terms = remote.Terms("one that died", workers.__version__)
+            client.submit(remote.work_in_folder, job, terms, workers=[name]).result()
+    wait_until(lambda: processes_of(two_workers) == [])
+
+
+def test_a_cluster_without_workers_is_not_waited_for(meshes, tmp_path, monkeypatch):
+    """The scheduler lives, the only worker dies of SIGKILL."""
+    monkeypatch.setattr(workers, "_PATIENCE", 2)
+    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "dashboard_address": ":0", "port": 0}}
+    with distributed.SpecCluster(workers={}, scheduler=scheduler, silence_logs=50) as lonely:
+        words = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", lonely.scheduler_address, *words]
+        worker = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+
+            class Kills(Ends):
+                def end(self, result):
+                    super().end(result)
+                    worker.kill()
+
+            monkeypatch.setattr(workers, "_PATIENCE", 20)  # for the worker to come
+            with workers.open_client(lonely.scheduler_address):
+                monkeypatch.setattr(workers, "_PATIENCE", 2)
+            watcher = Kills()
+            on(lonely, meshes, tmp_path, watcher=watcher)
+        finally:
+            worker.kill()
+            worker.wait()
+    assert sorted(result.asset.name for result in watcher.results) == NAMES
+    assert watcher.results[0].status == "made"
+    assert "had no workers" in watcher.results[-1].failure.message
+
+
+def test_an_address_that_is_none_is_refused_at_once(meshes, tmp_path):
+    with pytest.raises(UsageError, match="expected an address with a port"):
+        batch(meshes, tmp_path, bake=BAKE, options=BatchOptions(scheduler="host"))
+
+
 def test_an_address_without_a_cluster_is_one_line(meshes, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "_PATIENCE", 0.5)
     options = BatchOptions(scheduler="tcp://127.0.0.1:9")
@@ -218,4 +288,4 @@ def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
 
 class FakeJob:
     def __init__(self, folder):
-        self.staging = self.folder = folder
+        self.staging, self.folder = folder / "job", folder

@@ -154,7 +154,7 @@ USAGE = {
     "an option of none": (["in", "-o", "out", "--sise", "64"], 2, "No such option"),
     "a wrong option inside": (["in", "-o", "out", "--bake", "--sise 64"], 2, "--bake is '--sise 64': No such option"),
     "a wrong value inside": (["in", "-o", "out", "--bake", "-n 0"], 2, "--bake is '-n 0': Invalid value"),
-    "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--bake has --output, which batch chooses"),
+    "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--bake has --output, which batch, or a manifest, chooses"),
     "a mesh inside": (["in", "-o", "out", "--spheres", "a.obj"], 2, "--spheres is 'a.obj': Got unexpected extra"),
     "a quotation without an end": (["in", "-o", "out", "--bake", "--only 'a"], 2, "a quotation in it has no end"),
     "help inside": (["in", "-o", "out", "--bake", "--help"], 2, "--bake is '--help'"),
@@ -164,7 +164,9 @@ USAGE = {
     "no time": (["in", "-o", "out", "--timeout", "0"], 2, "--timeout"),
     "a negative number of jobs": (["in", "-o", "out", "-j", "-1"], 2, "--jobs"),
     "workers of no scheduler": (["in", "-o", "out", "--split"], 2, "--split is for the workers of a --scheduler"),
-    "one file for both": (["in", "-o", "out", "--report", "r", "--junit", "r"], 2, "two outputs have this name"),
+    "a report that would be a mesh": (["in", "-o", "out", "--report", "in/a.obj"], 2, "whose name ends in .json"),
+    "a report that would be a manifest": (["in", "-o", "out", "--junit", "batch.toml"], 2, "whose name ends in .xml"),
+    "a report in an asset's place": (["in", "-o", "out", "--report", "out/a_report.json"], 2, "another name"),
     "a report nowhere": (["in", "-o", "out", "--report", "missing/r.json"], 1, "there is no folder missing"),
     "a file as output": (["in", "-o", "in/a.obj"], 1, "in/a.obj: cannot be written"),
 }  # fmt: skip
@@ -345,3 +347,49 @@ def is_xatlas(pid):
         return b"xatlas_child" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return False
+
+
+def test_modules_of_the_present_folder_are_not_run(here):
+    (here / "random.py").write_text("raise SystemExit('a folder of meshes is no place for code')")
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "aoprecalc",
+        "batch",
+        "in",
+        "-o",
+        "out",
+        *SMALL_SPHERES,
+    ]  # as the script runs
+    assert subprocess.run(command, cwd=here, capture_output=True, check=False).returncode == 0
+
+
+def test_texts_of_options_add_up(here, command):
+    words = ["--bake", "--size 64", "--bake", "-n 64", "--report", "out/"]
+    assert command("batch", "in/a.obj", "-o", "out", *words).returncode == 0
+    (asset,) = json.loads((here / "out/batch.json").read_text())["assets"]
+    assert (asset["summary"]["size"], asset["summary"]["directions"]) == ([64, 64], 64)
+
+
+def test_what_is_pruned_is_told(here, command):
+    assert command("batch", "in", "-o", "out", *SMALL_SPHERES).returncode == 0
+    done = command("batch", "in/a.obj", "-o", "out", *SMALL_SPHERES, "--prune")
+    assert done.returncode == 0
+    assert "removed what was made of props/b, which is not among these assets any more" in done.stderr
+    assert list(contents(here / "out")) == ["a_spheres.json"]
+    assert not (here / "out/props").exists()
+
+
+def test_a_failure_is_no_fault_of_ours_even_with_v(here, command):
+    (here / "in/a.obj").write_text("f 1 2 3\n")
+    done = command("batch", "in/a.obj", "-o", "out", *SMALL_SPHERES, "-v")
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_a_cache_among_the_meshes_is_no_input(here, command):
+    for _ in range(2):
+        done = command("batch", "in", "-o", "out", *SMALL_BAKE, "--cache", "in/store")
+        assert done.returncode == 0
+        assert done.stdout.splitlines()[-1].startswith("2 assets: ")

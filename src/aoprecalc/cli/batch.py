@@ -11,7 +11,7 @@ from aoprecalc.cli.annotations import annotate
 from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.options import common, memory, option
 from aoprecalc.cli.spheres import spheres as spheres_command
-from aoprecalc.errors import AoprecalcError, StoppedError, UsageError
+from aoprecalc.errors import AnswerError, StoppedError, UsageError
 from aoprecalc.options import BatchOptions
 
 if TYPE_CHECKING:
@@ -40,8 +40,10 @@ class _BatchCommand(click.Command):
 @click.command(cls=_BatchCommand, short_help="Bake and fit many meshes, each only when it has changed.")
 @click.argument("patterns", nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
 @click.option("-o", "--output", metavar="DIR", help="The folder for the results; a manifest may name it instead.")
-@click.option("--bake", metavar="OPTIONS", help="Make textures, by these options of bake. [default: without --spheres]")
-@click.option("--spheres", metavar="OPTIONS", help="Make sphere sets, by these options of spheres.")
+@click.option(
+    "--bake", multiple=True, metavar="OPTIONS", help="Make textures, by these options of bake. [default: no --spheres]"
+)
+@click.option("--spheres", multiple=True, metavar="OPTIONS", help="Make sphere sets, by these options of spheres.")
 @option("-j", "--jobs", of=BatchOptions, field="jobs", help="Assets at a time; 0: by the cores and the memory.")
 @click.option(
     "--timeout", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="Give an asset up if it takes longer."
@@ -66,8 +68,8 @@ class _BatchCommand(click.Command):
 def batch(
     patterns: tuple[str, ...],
     output: str | None,
-    bake: str | None,
-    spheres: str | None,
+    bake: tuple[str, ...],
+    spheres: tuple[str, ...],
     cache: str | None,
     no_cache: bool,
     report: str | None,
@@ -87,7 +89,7 @@ def batch(
     """
     from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.files import Outputs
-    from aoprecalc.files.places import claim, output_place
+    from aoprecalc.files.places import claim
     from aoprecalc.files.reports import report_text, write_report
     from aoprecalc.pipeline import default_cache, plan, read_order, run
     from aoprecalc.pipeline.report import junit as junit_text
@@ -96,18 +98,16 @@ def batch(
     if no_cache and cache is not None:
         raise UsageError("--cache and --no-cache were given; omit one of them")
     order = None
-    if bake is not None or spheres is not None:
+    if bake or spheres:
         order = read_order(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
     planned = plan(patterns, output, order)
-    places = {
-        name: output_place(path, f"batch.{kind}")
-        for name, path, kind in (("report", report, "json"), ("junit", junit, "xml"))
-        if path is not None
-    }
+    wanted = {"report": (report, ".json"), "junit": (junit, ".xml")}
+    places = {name: _place(name, path, suffix) for name, (path, suffix) in wanted.items() if path is not None}
     with Outputs() as outputs:
+        outputs.protect(planned.files())
         outputs.folder(planned.output)
         for name, place in places.items():
-            claim(outputs, {"report": report, "junit": junit}[name], place)
+            claim(outputs, wanted[name][0], place)
         with BatchTable(quiet=quiet, verbose=verbose) as watcher:
             result = run(planned, None if no_cache else cache or default_cache(), options, watcher)
         if "report" in places:
@@ -125,7 +125,7 @@ def batch(
         done = len(result.results) - counts["failed"] - counts["stopped"]
         raise StoppedError(f"interrupted; {done} of {len(result.results)} assets are there, the same command goes on")
     if not result.passed:
-        raise AoprecalcError(_said(result, planned.output))
+        raise AnswerError(_said(result, planned.output))
 
 
 def _said(result: "BatchResult", folder: Path) -> str:
@@ -138,10 +138,21 @@ def _said(result: "BatchResult", folder: Path) -> str:
     return f"{found}; correct what failed and run the same command again"
 
 
-def _given(command: click.Command, name: str, text: str | None) -> dict[str, Any] | None:
-    """Return the options of a command that a text gives, by their names; None for no text."""
-    if text is None:
+def _place(name: str, wanted: str, suffix: str) -> Path:
+    """Return the file of a report; raises UsageError for another extension, as it may be a mesh's own file."""
+    from aoprecalc.files.places import output_place
+
+    place = output_place(wanted, f"batch{suffix}")
+    if place.suffix.lower() != suffix:
+        raise UsageError(f"--{name} is {wanted!r}; expected a file whose name ends in {suffix}, or a folder")
+    return place
+
+
+def _given(command: click.Command, name: str, texts: tuple[str, ...]) -> dict[str, Any] | None:
+    """Return the options of a command that texts give, by their names; None for no text."""
+    if not texts:
         return None
+    text = " ".join(texts)
     try:
         words = shlex.split(text)
         context = command.make_context(command.name, ["MESH", *words], help_option_names=[])
@@ -154,7 +165,6 @@ def _given(command: click.Command, name: str, text: str | None) -> dict[str, Any
         raise UsageError(f"{name} is {text!r}: {reason}; see `aoprecalc {command.name} --help`") from error
     given = {key for key in context.params if context.get_parameter_source(key) is ParameterSource.COMMANDLINE}
     for own in sorted(given & _OWN):
-        raise UsageError(
-            f"{name} has --{own.removeprefix('as_').replace('_', '-')}, which batch chooses; omit it there"
-        )
+        option = own.removeprefix("as_").replace("_", "-")
+        raise UsageError(f"{name} has --{option}, which batch, or a manifest, chooses; omit it there")
     return {key: context.params[key] for key in given - {"mesh"}}

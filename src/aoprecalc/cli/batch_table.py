@@ -59,9 +59,15 @@ class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
             done = sum(self._counts.values())
             head = f"[{done:>{len(str(self._total))}}/{self._total}] {result.status:<7} {result.seconds:6.1f} s"
             self._say(_plain(f"{head}  {result.asset.name}"))
+            if self._verbose and result.failure is not None and result.failure.details:
+                self._say(result.failure.details.rstrip())
             if self._verbose:
                 for warning in (result.summary or {}).get("warnings", ()):
                     self._say(_plain(f"  warning: {warning}"))
+
+    def note(self, text: str) -> None:
+        """Print a line."""
+        self._say(_plain(text))
 
     def warn(self, text: str) -> None:
         """Print a warning."""

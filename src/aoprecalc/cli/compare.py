@@ -6,7 +6,7 @@ import click
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import common, option
-from aoprecalc.errors import AoprecalcError
+from aoprecalc.errors import AnswerError
 from aoprecalc.options import CompareOptions
 
 _MEANINGS = {
@@ -39,7 +39,7 @@ def compare(a: str, b: str, **given: Any) -> None:
     result = recipes.compare(a, b, **places, options=options, progress=console)
     click.echo(report_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
     if not result.passed:
-        raise AoprecalcError(
+        raise AnswerError(
             f"{b}: differs from {a}: {_found(result.report)}; find out why, or keep it in place of {a} if it is right"
         )
 

@@ -18,7 +18,7 @@ from aoprecalc.cli.compare import compare
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
-from aoprecalc.errors import AoprecalcError
+from aoprecalc.errors import AnswerError, AoprecalcError
 
 EPILOG = (
     "Exit codes: 0 done; 1 the work failed, verify or compare found more than allowed, or a batch's mesh failed; "
@@ -82,7 +82,8 @@ main.add_command(doctor)
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:
-    if any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:]):
+    asked = any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:])
+    if asked and not isinstance(error, AnswerError):
         traceback.print_exception(error)
     line = " ".join(message.split())
     click.echo(f"error: {line}", err=True)

@@ -6,7 +6,7 @@ import click
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import common, light, option
-from aoprecalc.errors import AoprecalcError
+from aoprecalc.errors import AnswerError
 from aoprecalc.options import VerifyOptions
 
 
@@ -47,7 +47,7 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     result = recipes.verify(mesh, texture, **places, options=options, progress=console)
     click.echo(report_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
     if not result.passed:
-        raise AoprecalcError(
+        raise AnswerError(
             f"{result.report['texture']['path']}: its RMS error is {result.verified.levels[0].rmse:.5f}, "
             f"at most {options.tolerance:g} was allowed; bake it again, or verify it with the "
             "--normals, --estimator and --two-sided that it was baked with"

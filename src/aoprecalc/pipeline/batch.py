@@ -91,9 +91,11 @@ def run(
                     break
             else:
                 with closing(_made(tasks, library, options, watcher)) as made:
-                    any(map(end, made))  # up to the one with which the batch is over
+                    for result in made:
+                        if end(result):
+                            break
             if options.prune:
-                library.prune([asset.name for asset in assets])
+                library.prune({asset.name for asset in assets})
         except KeyboardInterrupt:
             interrupted = True
     stopped = [asset for asset in assets if asset.name not in results]

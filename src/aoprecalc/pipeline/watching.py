@@ -42,5 +42,8 @@ class Watcher:
     def end(self, result: Result) -> None:
         """See what became of an asset; each has its turn once."""
 
+    def note(self, text: str) -> None:
+        """Hear a line about what was done beside the assets."""
+
     def warn(self, text: str) -> None:
         """Hear a line that the user should know about the batch as a whole."""

@@ -62,6 +62,7 @@ def bake(
     *,
     mesh_output: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
+    stem: str | None = None,
     verify: bool = False,
     outputs: Outputs | None = None,
     open_sight: OpenSight = OwnSight,
@@ -73,6 +74,7 @@ def bake(
     output        the texture, or a folder (existing, or ending in /); by default <stem>_ao.png in the current folder
     mesh_output   the mesh with the texture's UVs; by default <stem>_ao.<ext> beside the texture
     report        a JSON file for the report
+    stem          what default names begin with; None: the mesh's
     verify        measure the texture that was written against ray tracing, for the report
     outputs       receives the files, which the caller then moves to their places; None: they appear at the end
     open_sight    what makes that which sees; by default it looks by itself
@@ -80,8 +82,9 @@ def bake(
     """
     options, progress = options or BakeOptions(), progress or Progress()
     mesh = Path(mesh)
+    stem = stem or mesh.stem
     watch = Stopwatch(progress)
-    texture_path = output_place(output, f"{mesh.stem}_ao.png")
+    texture_path = output_place(output, f"{stem}_ao.png")
     choose_depth(texture_path, options.bit_depth)
     if verify:
         occluders.require()
@@ -92,15 +95,15 @@ def bake(
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         folder = texture_path.parent
-        mesh_path = output_place(mesh_output, folder / f"{mesh.stem}_ao{mesh_suffix(scene)[0]}")
+        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{mesh_suffix(scene)[0]}")
         check_mesh_suffix(mesh_path, options.pack)
         claim(outputs, mesh_output, mesh_path)
-        report_path = None if report is None else output_place(report, f"{mesh.stem}_report.json")
+        report_path = None if report is None else output_place(report, f"{stem}_report.json")
         if report_path is not None:
             claim(outputs, report, report_path)
         baked = bake_scene(scene, options, progress, watch, open_sight)
         suffix, reason = mesh_suffix(baked.scene, baked.atlas)
-        mesh_path = output_place(mesh_output, folder / f"{mesh.stem}_ao{suffix}")
+        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{suffix}")
         check_mesh_suffix(mesh_path, options.pack)
         with watch.stage("write"):
             written = outputs.path(texture_path)

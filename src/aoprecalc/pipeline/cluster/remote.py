@@ -10,7 +10,7 @@ import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, cast
 
 import aoprecalc
 from aoprecalc.limits import whole_cores
@@ -37,6 +37,22 @@ class Place:
     sees: bool
 
 
+@dataclass(frozen=True)
+class Terms:
+    """On which a batch has its work done.
+
+    batch     its name, which no other has
+    version   of aoprecalc that it expects
+    timeout   seconds for a job; None: any
+    retries   how often a job whose process died is tried again
+    """
+
+    batch: str
+    version: str
+    timeout: float | None = None
+    retries: int = 1
+
+
 @dataclass(eq=False)
 class _Party:
     """The processes of one batch in this one, one for each thread."""
@@ -44,6 +60,8 @@ class _Party:
     stop: threading.Event = field(default_factory=threading.Event)
     children: dict[int, Child] = field(default_factory=dict)
 
+
+_IDLE = 60  # seconds after which a process goes that nothing was asked of: its batch may have died without a word
 
 _parties: dict[str, _Party] = {}
 
@@ -60,16 +78,15 @@ def look_around(folder: str, dask_worker: Any = None) -> Place:
     )
 
 
-def work_in_folder(job: Job, batch: str, timeout: float | None, retries: int) -> Outcome:
-    """Do a job of a batch on files that this machine sees under the same paths."""
-    outcome: Outcome = _ask(job, batch, timeout, retries)
-    return outcome
+def work_in_folder(job: Job, terms: Terms) -> Outcome:
+    """Do a job on files that this machine sees under the same paths."""
+    if not job.staging.parent.is_dir():
+        return Failure("error", f"{job.shown}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
+    return cast(Outcome, _ask(job, terms))
 
 
-def work_on_bytes(
-    job: Job, inputs: dict[str, bytes], batch: str, timeout: float | None, retries: int
-) -> tuple[Outcome, dict[str, bytes]]:
-    """Do a job of a batch on files that came with it; return what it made, name -> bytes, as well.
+def work_on_bytes(job: Job, inputs: dict[str, bytes], terms: Terms) -> tuple[Outcome, dict[str, bytes]]:
+    """Do a job on files that came with it; return what it made, name -> bytes, as well.
 
     inputs   path -> bytes; all paths are as on the machine of the batch, and lie here below a folder for the time
              being, so that the ways from one to the other are the same
@@ -80,37 +97,39 @@ def work_on_bytes(
             file = _moved(Path(path), Path(root))
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        outcome = work_in_folder(there, batch, timeout, retries)
+        there.staging.parent.mkdir(parents=True, exist_ok=True)
+        outcome = work_in_folder(there, terms)
         if isinstance(outcome, Failure):
             return outcome, {}
         return outcome, {name: file.read_bytes() for name, file in outcome.files.items()}
 
 
-def look_elsewhere(glance: Glance, subject: bytes, batch: str) -> Seen | Failure:
+def look_elsewhere(glance: Glance, subject: bytes, terms: Terms) -> Seen | Failure:
     """Look where a glance says, at a subject that is sent by itself, once for all glances."""
-    seen: Seen | Failure = _ask(replace(glance, subject=subject), batch, None, 1)
-    return seen
+    return cast(Seen | Failure, _ask(replace(glance, subject=subject), terms))
 
 
 def end(batch: str) -> None:
-    """End the processes of a batch."""
-    party = _parties.pop(batch, None)
-    if party is None:
-        return
+    """End the processes of a batch, for good."""
+    party = _parties.setdefault(batch, _Party())
     party.stop.set()
     for child in list(party.children.values()):
         child.close_if_idle()
 
 
-def _ask(request: Job | Glance, batch: str, timeout: float | None, retries: int) -> Any:
+def _ask(request: Job | Glance, terms: Terms) -> Any:
     """Have this thread's process of a batch do what is asked."""
-    party = _parties.setdefault(batch, _Party())
+    party = _parties.setdefault(terms.batch, _Party())
+    if terms.version != aoprecalc.__version__:
+        here = f"{socket.gethostname()} has aoprecalc {aoprecalc.__version__}"
+        return Failure("error", f"{request.shown}: {here}, {terms.version} was expected; install the same everywhere")
+    if party.stop.is_set():
+        return Failure("stopped", f"{request.shown}: was stopped")
     child = party.children.setdefault(threading.get_ident(), Child())
     try:
-        return child.run(request, lambda stage: None, timeout=timeout, retries=retries, stop=party.stop)
+        return child.run(request, lambda stage: None, timeout=terms.timeout, retries=terms.retries, stop=party.stop)
     finally:
-        if party.stop.is_set():
-            child.close()
+        child.close_after(0 if party.stop.is_set() else _IDLE)
 
 
 def _below(job: Job, root: Path) -> Job:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from aoprecalc import __version__
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.model import Floats
 from aoprecalc.occlusion.portion import runs
 from aoprecalc.occlusion.site import Side, Site
-from aoprecalc.pipeline.cluster.remote import end, look_elsewhere
+from aoprecalc.pipeline.cluster.remote import Terms, end, look_elsewhere
 from aoprecalc.pipeline.cluster.workers import open_client, threads_of_a_job
 from aoprecalc.pipeline.crew.glance import Glance, Seen
 from aoprecalc.progress import Progress
@@ -28,14 +29,16 @@ class Spread(AbstractContextManager["Spread"]):
         self._stack = ExitStack()
         self._client = self._stack.enter_context(open_client(scheduler))
         self._threads = threads_of_a_job(self._client)
-        self._shown, self._batch = shown, secrets.token_hex(8)
+        self._shown, self._terms = shown, Terms(secrets.token_hex(8), __version__)
+        self._sights: list[SpreadSight] = []
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the processes that have looked."""
         with self._stack, suppress(Exception):  # workers or scheduler that are gone have no such processes
-            self._client.run(end, self._batch)
+            self._client.cancel([future for sight in self._sights for future in sight.left()])
+            self._client.run(end, self._terms.batch)
 
     def __call__(self, site: Site, side: Side, shadow_size: int, most: int, progress: Progress) -> "SpreadSight":
         """Have the workers begin to look; see OpenSight."""
@@ -49,9 +52,10 @@ class Spread(AbstractContextManager["Spread"]):
             for run in held:
                 glance = Glance(self._shown, name, b"", number, group, run.start, run.stop, most, shadow_size)
                 futures[group, run.start] = self._client.submit(
-                    look_elsewhere, glance, sent, self._batch, pure=False, priority=-len(futures)
+                    look_elsewhere, glance, sent, self._terms, pure=False, priority=-len(futures)
                 )
-        return SpreadSight(site, futures, progress)
+        self._sights.append(SpreadSight(site, futures, progress))
+        return self._sights[-1]
 
 
 class SpreadSight:
@@ -75,7 +79,6 @@ class SpreadSight:
         self._progress.advance(2 * (axes.stop - axes.start))
         return np.asarray(outcome.sums)
 
-    def __del__(self) -> None:
-        """Let go of what was not waited for, as where the target error was reached."""
-        for future in self._futures.values():
-            future.cancel()
+    def left(self) -> list[Any]:
+        """Return the futures that nobody has waited for, as where the target error was reached."""
+        return list(self._futures.values())

@@ -31,6 +31,7 @@ class Child:
         self._process: subprocess.Popen[bytes] | None = None
         self._done = 0
         self._busy = threading.Lock()
+        self._alarm: threading.Timer | None = None
 
     def run(
         self,
@@ -49,6 +50,8 @@ class Child:
         stop      kills the process when it is set
         """
         started = time.monotonic()
+        if self._alarm is not None:
+            self._alarm.cancel()
         with self._busy:
             for attempt in range(retries + 1):
                 outcome = self._once(job, tell, timeout, stop or threading.Event())
@@ -68,6 +71,12 @@ class Child:
         self._connection.close()
         self._said.close()
         self._process = None
+
+    def close_after(self, seconds: float) -> None:
+        """End the process once it was idle for that long."""
+        self._alarm = threading.Timer(seconds, self.close_if_idle)
+        self._alarm.daemon = True
+        self._alarm.start()
 
     def close_if_idle(self) -> None:
         """End the process unless another thread has it do a job."""

@@ -11,7 +11,7 @@ from typing import Protocol
 from aoprecalc.limits import usable_memory, whole_cores
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.crew.child import Child
-from aoprecalc.pipeline.crew.work import Job, Outcome
+from aoprecalc.pipeline.crew.work import Failure, Job, Outcome
 
 _OF_JOB = 1 << 30  # bytes of memory that a job may take
 
@@ -62,7 +62,11 @@ class LocalCrew:
                 while not stop.is_set() and (job := next(left, None)) is not None:
                     tell = _teller(events, job)
                     tell("starting")
-                    outcome = child.run(job, tell, timeout=timeout, retries=retries, stop=stop)
+                    try:
+                        outcome = child.run(job, tell, timeout=timeout, retries=retries, stop=stop)
+                    except Exception as error:  # an outcome that never comes would be waited for
+                        reason = f"{type(error).__name__}: {error}"
+                        outcome = Failure("crash", f"{job.shown}: its process could not be used ({reason})")
                     events.put(Event(job, outcome=outcome))
             finally:
                 child.close()
@@ -83,14 +87,15 @@ def _teller(events: "SimpleQueue[Event]", job: Job) -> Callable[[str], None]:
 def _threads(work: Callable[[], None], count: int, stop: threading.Event) -> Iterator[None]:
     """Do the work in several threads for the length of a `with` block, and set `stop` at its end."""
     threads = [threading.Thread(target=work, daemon=True) for _ in range(count)]
-    for thread in threads:
-        thread.start()
     try:
+        for thread in threads:
+            thread.start()
         yield
     finally:
         stop.set()
         for thread in threads:
-            thread.join()
+            if thread.ident is not None:  # it was started
+                thread.join()
 
 
 def _default_jobs() -> int:

@@ -135,6 +135,7 @@ def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
                 job.mesh,
                 folder / f"{job.stem}_ao{order.texture}",
                 mesh_output=folder / f"{job.stem}_ao{order.mesh}" if order.mesh else None,
+                stem=job.stem,
                 verify=order.verify,
                 outputs=outputs,
                 open_sight=open_sight,

@@ -30,7 +30,7 @@ def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str
         elif is_pattern(pattern, root):
             fitting = _meshes(*_split(Path(root), pattern))
         else:
-            fitting = [Path(path)] if os.path.exists(path) or _is_mesh(path) else []  # a missing mesh fails by itself
+            fitting = [Path(path)] if _is_mesh(path) else []  # a missing mesh fails by itself
         if not fitting:
             kinds = ", ".join(f".{kind}" for kind in READERS)
             raise InputError(f"{path}: fits no mesh, one of {kinds} was expected; check the pattern")

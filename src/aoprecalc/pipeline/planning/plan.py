@@ -11,7 +11,10 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline.asset import Asset, Order
 from aoprecalc.pipeline.planning.manifest import read_manifest
 from aoprecalc.pipeline.planning.meshes import base_folder, find_meshes, name_assets
+from aoprecalc.pipeline.store.cache import CACHE_TAG
 from aoprecalc.pipeline.store.records import HOME, Records
+
+_ENDS = ("report.json", "spheres.json")  # of names of what is made
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,18 @@ class Plan:
     assets     with distinct names
     output     the folder for the results
     warnings   what the user should know about it
+    manifest   the file that says so; None: none
     """
 
     assets: tuple[Asset, ...]
     output: Path
     warnings: tuple[str, ...] = ()
+    manifest: Path | None = None
+
+    def files(self) -> list[Path]:
+        """Return the files that nothing else may replace: meshes, the manifest, and what is made under known names."""
+        made = [self.output / f"{asset.name}_{end}" for asset in self.assets for end in _ENDS]
+        return [*made, *(asset.mesh for asset in self.assets), *([self.manifest] if self.manifest else [])]
 
 
 def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: Order | None) -> Plan:
@@ -52,13 +62,18 @@ def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: 
     if folder is None:
         raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
     assets = manifest.assets_of(_made(Path(folder), manifest.base))
-    return Plan(tuple(assets), Path(folder), manifest.idle(assets))
+    return Plan(tuple(assets), Path(folder), manifest.idle(assets), manifest.path)
 
 
 def _made(output: Path, base: Path) -> Callable[[Path], bool]:
     """Return what tells whether a file was made by a batch, this one or another."""
     home = Path(os.path.realpath(output))
     apart = not Path(os.path.realpath(base)).is_relative_to(home)
+
+    @cache
+    def is_cache(folder: Path) -> bool:
+        """Tell whether a folder is one of a cache, or below it."""
+        return (folder / CACHE_TAG).exists() or (folder != folder.parent and is_cache(folder.parent))
 
     @cache
     def outputs(folder: Path) -> frozenset[Path]:
@@ -68,6 +83,6 @@ def _made(output: Path, base: Path) -> Callable[[Path], bool]:
 
     def made(path: Path) -> bool:
         real = Path(os.path.realpath(path))
-        return real in outputs(real.parent) or (apart and real.is_relative_to(home))
+        return real in outputs(real.parent) or is_cache(real.parent) or (apart and real.is_relative_to(home))
 
     return made

@@ -26,6 +26,10 @@ from aoprecalc.pipeline.store.inputs import file_digest
 
 _ABANDONED = 24 * 3600  # seconds after which what is being written has no writer any more
 _FINE = 60  # seconds: no need to note each use more finely
+_SELDOM = 600  # seconds between two batches that prune, as that looks at every entry
+
+CACHE_TAG = "CACHEDIR.TAG"  # tells backups, and batches, that a folder holds nothing of its own (bford.info/cachedir)
+_TAG = "Signature: 8a477f597d28d172789f06886806bc55\n# Results of aoprecalc, which can be made again.\n"
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,8 @@ class Cache:
         new = self._home / "new" / secrets.token_hex(12)
         try:
             (new / "files").mkdir(parents=True)
+            if not (self.folder / CACHE_TAG).exists():
+                (self.folder / CACHE_TAG).write_text(_TAG, encoding="ascii")
             for name, file in files.items():
                 shutil.copyfile(file, new / "files" / name)
             digests = {name: file_digest(file) for name, file in sorted(files.items())}
@@ -113,16 +119,23 @@ class Cache:
         Returns what was removed.
         """
         self._sweep()
-        entries = sorted(self._entries(), reverse=True)
         now, kept, removed = time.time(), 0, []
-        for used, entry, size in entries:
-            if (age is not None and used < now - age) or (most is not None and kept + size > most):
-                removed.append((entry, size))
+        full = False
+        for used, entry, size in sorted(self._entries(), reverse=True):
+            full = full or (most is not None and kept + size > most)
+            if full or (age is not None and used < now - age):
+                removed += [size] if self._remove(entry) else []
             else:
                 kept += size
-        for entry, _ in removed:
-            self._remove(entry)
-        return Usage(len(removed), sum(size for _, size in removed))
+        return Usage(len(removed), sum(removed))
+
+    def tidy(self, most: int) -> None:
+        """Prune to `most` bytes, unless some batch has done so lately."""
+        pruned = self._home / "pruned"
+        with suppress(OSError):
+            if not pruned.exists() or pruned.stat().st_mtime < time.time() - _SELDOM:
+                self.prune(most)
+                pruned.touch()
 
     def _entry(self, key: str) -> Path:
         return self._home / key[:2] / key
@@ -138,13 +151,16 @@ class Cache:
                 continue
             yield used, entry, size
 
-    def _remove(self, entry: Path) -> None:
-        """Remove an entry: at once for those who look for it, then its files."""
+    def _remove(self, entry: Path) -> bool:
+        """Remove an entry: at once for those who look for it, then its files; return whether that was possible."""
         going = self._home / "new" / secrets.token_hex(12)
-        with suppress(OSError):
+        try:
             going.parent.mkdir(exist_ok=True)
             os.rename(entry, going)
+        except OSError:
+            return False
         shutil.rmtree(going, ignore_errors=True)
+        return True
 
     def _sweep(self) -> None:
         """Remove what killed batches have left."""

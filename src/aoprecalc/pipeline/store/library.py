@@ -64,10 +64,16 @@ class Library(AbstractContextManager["Library"]):
         """Let other batches in, and prune the cache if it has grown."""
         self._stack.close()
         if self._cache is not None and self._added:
-            self._cache.prune(most=self._options.cache_size)
+            self._cache.tidy(self._options.cache_size)
 
     def look(self, asset: Asset) -> Result | Task:
         """Return the result of an asset that is there already, or is in the cache; else what has to be done."""
+        try:
+            return self._look(asset)
+        except OSError as error:
+            return _failed(asset, Failure("error", f"{asset.mesh}: cannot be looked at ({error}); check the disk"))
+
+    def _look(self, asset: Asset) -> Result | Task:
         order, folder = order_key(asset, self._output), self._folder(asset)
         record = self._records.get(asset.name)
         there = record if record is not None and record.order == order and self._is_whole(record, folder) else None
@@ -117,10 +123,11 @@ class Library(AbstractContextManager["Library"]):
 
     def prune(self, assets: Collection[str]) -> None:
         """Remove what earlier batches made of other assets than these, where nobody has changed it."""
-        for name in set(self._records.names()) - set(assets):
+        for name in sorted(set(self._records.names()) - set(assets)):
             if (record := self._records.get(name)) is not None:
                 self._records.drop(name)
                 self._remove(record.outputs, self._records.folder(name))
+                self._watcher.note(f"removed what was made of {name}, which is not among these assets any more")
 
     def _remove(self, outputs: Mapping[str, Stamp], folder: Path) -> None:
         """Remove files that no asset has now, if nobody has changed them, and their folder if nothing else is in it."""
