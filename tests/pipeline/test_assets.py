@@ -211,10 +211,8 @@ def test_what_has_its_kind_in_its_name_has_it_in_all_names(tmp_path, monkeypatch
     for kind in ("glb", "stl"):
         trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
     assert statuses(batch("*.*", "out", bake=BAKE)) == {"ball_glb": "made", "ball_stl": "made"}
-    assert [name for name in contents(tmp_path / "out") if name.endswith(".glb")] == [
-        "ball_glb_ao.glb",
-        "ball_stl_ao.glb",
-    ]
+    names = [name for name in contents(tmp_path / "out") if name.endswith(".glb")]
+    assert names == ["ball_glb_ao.glb", "ball_stl_ao.glb"]
 
 
 def test_what_is_no_mesh_is_refused_before_any_work(here):

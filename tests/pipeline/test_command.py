@@ -154,7 +154,7 @@ USAGE = {
     "an option of none": (["in", "-o", "out", "--sise", "64"], 2, "No such option"),
     "a wrong option inside": (["in", "-o", "out", "--bake", "--sise 64"], 2, "--bake is '--sise 64': No such option"),
     "a wrong value inside": (["in", "-o", "out", "--bake", "-n 0"], 2, "--bake is '-n 0': Invalid value"),
-    "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--bake has --output, which batch, or a manifest, chooses"),
+    "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--bake has --output, which batch"),
     "a mesh inside": (["in", "-o", "out", "--spheres", "a.obj"], 2, "--spheres is 'a.obj': Got unexpected extra"),
     "a quotation without an end": (["in", "-o", "out", "--bake", "--only 'a"], 2, "a quotation in it has no end"),
     "help inside": (["in", "-o", "out", "--bake", "--help"], 2, "--bake is '--help'"),
