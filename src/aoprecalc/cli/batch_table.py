@@ -58,16 +58,16 @@ class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
         if result.status == "failed" or (self._live is None and result.status in ("made", "cached")):
             done = sum(self._counts.values())
             head = f"[{done:>{len(str(self._total))}}/{self._total}] {result.status:<7} {result.seconds:6.1f} s"
-            self._say(_plain(f"{head}  {result.asset.name}"))
+            self._say(_printable(f"{head}  {result.asset.name}"))
             if self._verbose and result.failure is not None and result.failure.details:
                 self._say(result.failure.details.rstrip())
             if self._verbose:
                 for warning in (result.summary or {}).get("warnings", ()):
-                    self._say(_plain(f"  warning: {warning}"))
+                    self._say(_printable(f"  warning: {warning}"))
 
     def note(self, text: str) -> None:
         """Print a line."""
-        self._say(_plain(text))
+        self._say(_printable(text))
 
     def warn(self, text: str) -> None:
         """Print a warning."""
@@ -106,10 +106,13 @@ def table(result: BatchResult) -> list[str]:
     lines = [f"{entry.status:<6} {entry.seconds:7.1f} s  {entry.asset.name:<{width}}  {_said(entry)}" for entry in rows]
     counts, total = result.report["counts"], len(result.results)
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    return [*map(_plain, lines), f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report['seconds']:.1f} s"]
+    return [
+        *map(_printable, lines),
+        f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report['seconds']:.1f} s",
+    ]
 
 
-def _plain(line: str) -> str:
+def _printable(line: str) -> str:
     """Return a line without what a terminal, or who reads a log, would take for more than text."""
     return "".join(char if char.isprintable() else "?" for char in line)
 

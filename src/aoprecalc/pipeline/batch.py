@@ -52,7 +52,7 @@ def batch(
     cache      a folder of results that batches share; None: none
     An asset that fails is an answer, not an error: the others are made. Raises InputError where a pattern fits nothing,
     UsageError where something cannot be asked for so, OutputError where the output folder cannot be written. A cache
-    that cannot be is a warning.
+    that cannot be is a warning. AoprecalcError where a cluster cannot be reached or used.
     """
     paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
     order = Order(bake, spheres) if bake or spheres else None
@@ -111,7 +111,7 @@ def run(
 def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
     """Open the crew that is asked for, for `count` jobs.
 
-    Raises UsageError where a cluster is asked for and cannot be reached or used.
+    Raises UsageError where a cluster is asked for in a wrong way, AoprecalcError where it cannot be reached or used.
     """
     if options.scheduler is None or options.split:
         yield LocalCrew(count, options)

@@ -45,20 +45,20 @@ def junit(results: Sequence[Result], seconds: float) -> str:
     suite = ElementTree.Element("testsuite", name="aoprecalc batch", **counts, time=f"{seconds:.3f}")
     for result in results:
         place: dict[str, Any] = {
-            "classname": _plain(result.asset.folder).replace("/", ".") or "assets",
-            "name": _plain(result.asset.stem),
-            "file": _plain(str(result.asset.mesh)),
+            "classname": _xml_text(result.asset.folder).replace("/", ".") or "assets",
+            "name": _xml_text(result.asset.stem),
+            "file": _xml_text(str(result.asset.mesh)),
         }
         case = ElementTree.SubElement(suite, "testcase", **place, time=f"{result.seconds:.3f}")
         if result.failure is not None and result.status == "failed":
             failure = ElementTree.SubElement(
-                case, "failure", type=result.failure.kind, message=_plain(result.failure.message)
+                case, "failure", type=result.failure.kind, message=_xml_text(result.failure.message)
             )
-            failure.text = _plain("\n".join(filter(None, [*commands(result), result.failure.details])))
+            failure.text = _xml_text("\n".join(filter(None, [*commands(result), result.failure.details])))
         elif result.status == "stopped":
             ElementTree.SubElement(case, "skipped", message="the batch was stopped")
         elif lines := (result.summary or {}).get("warnings"):
-            ElementTree.SubElement(case, "system-out").text = _plain("\n".join(lines))
+            ElementTree.SubElement(case, "system-out").text = _xml_text("\n".join(lines))
     suites = ElementTree.Element("testsuites", **counts, time=f"{seconds:.3f}")
     suites.append(suite)
     ElementTree.indent(suites)
@@ -111,7 +111,7 @@ def _legible(value: Any) -> Any:
     return value
 
 
-def _plain(text: str) -> str:
+def _xml_text(text: str) -> str:
     """Return a text without what XML cannot hold."""
     return "".join(
         char if char in "\t\n" or " " <= char < "\ud800" or "\ue000" <= char < "\ufffe" else "?" for char in text

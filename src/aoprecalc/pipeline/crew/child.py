@@ -20,7 +20,7 @@ Request = Job | Glance
 
 POLL = 0.05  # seconds between two looks at the clock and at whether to stop
 _MOST_JOBS = 100  # of one process: what libraries leak does not grow without bounds
-_SAID = 2000  # bytes of what a dying process said last
+_LAST_WORDS = 2000  # bytes of what a dying process said last
 
 
 class Child:
@@ -35,7 +35,7 @@ class Child:
 
     def run(
         self,
-        job: Request,
+        request: Request,
         tell: Callable[[str], None],
         *,
         timeout: float | None = None,
@@ -54,7 +54,7 @@ class Child:
             self._alarm.cancel()
         with self._busy:
             for attempt in range(retries + 1):
-                outcome = self._once(job, tell, timeout, stop or threading.Event())
+                outcome = self._once(request, tell, timeout, stop or threading.Event())
                 if not isinstance(outcome, Failure) or outcome.kind != "crash":
                     break
                 if attempt < retries:
@@ -86,20 +86,20 @@ class Child:
             finally:
                 self._busy.release()
 
-    def _once(self, job: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
+    def _once(self, request: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
         try:
-            outcome = self._ask(job, tell, timeout, stop)
+            outcome = self._ask(request, tell, timeout, stop)
         except (EOFError, OSError) as error:  # the connection ends with the process
-            outcome = Failure("crash", self._why_dead(job, error))
+            outcome = Failure("crash", self._why_dead(request, error))
         self._done += 1
         if (isinstance(outcome, Failure) and outcome.kind != "error") or self._done >= _MOST_JOBS:
             self.close()
         return outcome
 
-    def _ask(self, job: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
+    def _ask(self, request: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
         if self._process is None or self._process.poll() is not None:
             self._start()
-        self._connection.send(job)
+        self._connection.send(request)
         end = None if timeout is None else time.monotonic() + timeout
         while True:
             if self._connection.poll(POLL):
@@ -108,10 +108,11 @@ class Child:
                     return message
                 tell(message)
             elif stop.is_set():
-                return Failure("stopped", f"{job.shown}: was stopped")
+                return Failure("stopped", f"{request.shown}: was stopped")
             elif end is not None and time.monotonic() > end:
                 return Failure(
-                    "timeout", f"{job.shown}: took longer than {timeout:g} s; allow more (--timeout) or ask for less"
+                    "timeout",
+                    f"{request.shown}: took longer than {timeout:g} s; allow more (--timeout) or ask for less",
                 )
 
     def _start(self) -> None:
@@ -132,16 +133,16 @@ class Child:
         far.close()
         self._done = 0
 
-    def _why_dead(self, job: Request, error: Exception) -> str:
+    def _why_dead(self, request: Request, error: Exception) -> str:
         if self._process is None:
-            return f"{job.shown}: no process for it could be started ({error}); use fewer --jobs"
+            return f"{request.shown}: no process for it could be started ({error}); use fewer --jobs"
         status = self._process.wait()
         reason = f"exit status {status}"
         if status < 0:
             reason = signal.strsignal(-status) or f"signal {-status}"
             if status == -signal.SIGKILL:
                 reason += ", as a system does that is out of memory: use fewer --jobs or a smaller size"
-        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID))
+        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _LAST_WORDS))
         lines = self._said.read().decode(errors="replace").strip().splitlines()
         said = f"; it said {lines[-1].strip()[:160]!r}" if lines else ""
-        return f"{job.shown}: its process died ({reason}{said})"
+        return f"{request.shown}: its process died ({reason}{said})"

@@ -50,7 +50,7 @@ def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: 
         if output is None:
             raise UsageError("no output folder was given; name one with -o")
         base = base_folder(patterns)
-        meshes = find_meshes(patterns, _made(Path(output), base))
+        meshes = find_meshes(patterns, _made_by_batches(Path(output), base))
         named = zip(name_assets(meshes, base), meshes, strict=True)
         return Plan(tuple(Asset(name, mesh, order or Order(BakeOptions())) for name, mesh in named), Path(output))
     if len(patterns) > 1:
@@ -61,11 +61,11 @@ def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: 
     folder = output or manifest.output
     if folder is None:
         raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
-    assets = manifest.assets_of(_made(Path(folder), manifest.base))
+    assets = manifest.assets_of(_made_by_batches(Path(folder), manifest.base))
     return Plan(tuple(assets), Path(folder), manifest.idle(assets), manifest.path)
 
 
-def _made(output: Path, base: Path) -> Callable[[Path], bool]:
+def _made_by_batches(output: Path, base: Path) -> Callable[[Path], bool]:
     """Return what tells whether a file was made by a batch, this one or another."""
     home = Path(os.path.realpath(output))
     apart = not Path(os.path.realpath(base)).is_relative_to(home)
