@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from aoprecalc.options import BatchOptions, SphereOptions
+from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline import batch
 from aoprecalc.pipeline.store import inputs
 from aoprecalc.pipeline.store import records as records_module
@@ -398,3 +398,14 @@ def test_pruning_reads_each_record_a_few_times_however_many_there_are(rings, cre
     assert make(patterns=["in/a.obj", "in/b.obj"], prune=True) == {"a": "unchanged", "b": "unchanged"}
     assert list(contents(rings.parent / "out")) == ["a_spheres.json", "b_spheres.json"]
     assert max(Counter(reads).values()) <= 4
+
+
+def test_a_report_does_not_say_where_it_was_made(rings, crew):
+    """It names results and the mesh by their way from its own folder, also in warnings."""
+    reports = []
+    for folder in ("one", "other"):
+        assert batch("in/a.obj", folder, bake=BakeOptions(64, 64, directions=64, unwrap="xatlas")).passed
+        reports.append(without_times(contents(rings.parent / folder))["a_report.json"])
+    assert reports[0] == reports[1]
+    assert reports[0]["input"]["path"] == "../in/a.obj"
+    assert any(line.startswith("a_ao.obj: ") for line in reports[0]["warnings"])

@@ -193,7 +193,8 @@ def _shown(job: Job, text: str) -> str:
 
 
 def _called(name: str, job: Job, text: str) -> str:
-    """Return a message in which the mesh has another name, and what lies beside it a name of the same kind."""
+    """Return a message with another name for the mesh, one alike for what lies beside it, and no folder for results."""
     parent = os.path.dirname(name)
     beside = f"{parent}/" if parent else ""
-    return " ".join(text.replace(str(job.mesh), name).replace(f"{job.mesh.parent}/", beside).split())
+    plain = text.replace(f"{job.folder}/", "").replace(str(job.mesh), name).replace(f"{job.mesh.parent}/", beside)
+    return " ".join(plain.split())
