@@ -1,8 +1,13 @@
-"""What all tests share: a renderer that must be left clean."""
+"""What all tests share: a renderer that must be left clean, and that Ctrl-C is heard."""
+
+import signal
 
 import pytest
 
 from aoprecalc.gl.context import open_renderer
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a shell; programs would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
