@@ -37,14 +37,14 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
 
 
-class Killed(ChildProcessError):  # noqa: N818 - as its base is called
+class ChildKilledError(ChildProcessError):
     """The child was killed from outside, such as by a system that is out of memory."""
 
 
 def ask(command: list[str], request: bytes, look: Look) -> bytes:
     """Return the child's answer; the child is gone when this returns or raises, whatever it raises.
 
-    Raises ChildProcessError with the reason, one line, where the child fails, Killed where it was killed.
+    Raises ChildProcessError with the reason, one line, where the child fails, ChildKilledError where it was killed.
     """
     with TemporaryFile() as file:  # no pipe: `communicate` does not go on writing to one after a pause
         file.write(request)
@@ -59,7 +59,7 @@ def ask(command: list[str], request: bytes, look: Look) -> bytes:
             raise
     if child.returncode != 0:
         killed = child.returncode < 0 and signal.Signals(-child.returncode).name in _KILLS
-        kind = Killed if killed else ChildProcessError
+        kind = ChildKilledError if killed else ChildProcessError
         raise kind(_reason(child.returncode, said))
     return answer
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.children import Killed, Look, ask, command
+from aoprecalc.children import ChildKilledError, Look, ask, command
 from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
 from aoprecalc.model import Atlas, Doubles, Floats, Ints, Mask, Scene
 from aoprecalc.surface.normals import face_directions
@@ -84,5 +84,5 @@ def _ask(
         answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), look)))
     except ChildProcessError as error:
         message = f"{method} could not unwrap {len(faces)} faces: {error}; or try --unwrap {_OTHER[method]}"
-        raise (KilledError if isinstance(error, Killed) else AoprecalcError)(message) from error
+        raise (KilledError if isinstance(error, ChildKilledError) else AoprecalcError)(message) from error
     return answer["uvs"].astype(np.float64), answer["placed"], int(answer["charts"]), int(answer["gutter"])

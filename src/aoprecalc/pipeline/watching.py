@@ -17,8 +17,8 @@ class Result:
     status    made: now; unchanged: it was there already; cached: taken from the cache; failed; stopped: not begun, or
               not finished, when the batch ended
     outputs   its files, names in its folder, sorted
-    summary   what was made, see Made; empty where nothing was
-    failure   why it failed
+    summary   what was made, see Made; None where nothing was
+    failure   why it failed; None where it did not
     seconds   that it took
     """
 

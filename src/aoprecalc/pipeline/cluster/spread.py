@@ -26,9 +26,10 @@ class Spread(AbstractContextManager["Spread"]):
 
     def __init__(self, scheduler: str, shown: str) -> None:
         """Connect to a scheduler; `shown` is what messages call the work. Raises what `open_client` does."""
-        self._stack = ExitStack()
-        self._client = self._stack.enter_context(open_client(scheduler))
-        self._threads = threads_of_a_job(self._client)
+        with ExitStack() as stack:
+            self._client = stack.enter_context(open_client(scheduler))
+            self._threads = threads_of_a_job(self._client)
+            self._stack = stack.pop_all()
         self._shown, self._terms = shown, Terms(secrets.token_hex(8), __version__)
         self._sights: list[SpreadSight] = []
 
@@ -72,7 +73,10 @@ class SpreadSight:
             outcome = future.result()
         except Exception as error:  # of whatever kind the cluster raises for workers that are lost
             reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-            raise AoprecalcError(f"the cluster could not look along group {group} of the axes ({reason})") from error
+            found = f"the cluster could not look along group {group} of the axes ({reason})"
+            raise AoprecalcError(
+                f"{found}; see to its scheduler and workers, and run the same command again"
+            ) from error
         if not isinstance(outcome, Seen):
             raise AoprecalcError(outcome.message)
         axes = self._site.groups[group]

@@ -36,8 +36,10 @@ def open_client(address: str) -> Iterator[Any]:
         import distributed
     except ModuleNotFoundError as error:
         raise UsageError("--scheduler needs Dask; install it: pip install 'aoprecalc[cluster]'") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is said in our own lines
+    log = logging.getLogger("distributed")
     with ExitStack() as stack:
+        stack.callback(log.setLevel, log.level)
+        log.setLevel(logging.CRITICAL)  # what matters of it is said in our own lines
         stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}))
         try:
             client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
