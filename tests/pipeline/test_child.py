@@ -12,7 +12,7 @@ from aoprecalc.pipeline.asset import Order
 from aoprecalc.pipeline.crew.child import Child
 from aoprecalc.pipeline.crew.crew import LocalCrew
 from aoprecalc.pipeline.crew.work import Failure, Job, Made
-from pipeline.helpers import BAKE, SPHERES, wait_until, write_ring
+from pipeline.helpers import BAKE, PATIENCE, SPHERES, wait_until, write_ring
 
 pytestmark = [
     pytest.mark.usefixtures("strange"),
@@ -166,7 +166,11 @@ def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
         raise ValueError("no such thing here")
 
     monkeypatch.setattr(Child, "run", run)
-    events = list(LocalCrew(2, BatchOptions(jobs=2)).run([job(tmp_path, "a"), job(tmp_path, "b")]))
+    jobs, events = [job(tmp_path, "a"), job(tmp_path, "b")], []
+    waiting = threading.Thread(target=lambda: events.extend(LocalCrew(2, BatchOptions(jobs=2)).run(jobs)), daemon=True)
+    waiting.start()
+    waiting.join(PATIENCE)
+    assert not waiting.is_alive()
     outcomes = {event.job.name: event.outcome for event in events if event.outcome is not None}
     assert outcomes.keys() == {"a", "b"}
     assert outcomes["a"].message == "in/a.obj: its process could not be used (ValueError: no such thing here)"
