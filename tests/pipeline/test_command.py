@@ -309,7 +309,7 @@ def test_the_batch_after_a_killed_one_goes_on(here):
     killed = start(here, *SMALL_SPHERES, "-j", "2")
     try:
         wait_until((here / "in/endless.obj.pids").exists)
-        wait_until(lambda: len(contents(here / "out")) == 2)
+        wait_until(lambda: len(list((here / "out/.aoprecalc/assets").rglob("*.json"))) == 2)
     finally:
         killed.kill()
         killed.communicate()

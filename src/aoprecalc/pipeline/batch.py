@@ -12,6 +12,8 @@ from typing import Any
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline.asset import Order
 from aoprecalc.pipeline.crew.crew import Crew, LocalCrew
+from aoprecalc.pipeline.crew.work import Job, Outcome
+from aoprecalc.pipeline.interruptions import held_back
 from aoprecalc.pipeline.planning.plan import Plan, plan
 from aoprecalc.pipeline.report import batch_report
 from aoprecalc.pipeline.store.cache import Cache
@@ -84,15 +86,19 @@ def run(
         try:
             tasks = []
             for asset in assets:
-                found = library.look(asset)
+                with held_back():  # files that are at their places are in the report, too
+                    found = library.look(asset)
+                    over = not isinstance(found, Task) and end(found)
+                if over:
+                    break
                 if isinstance(found, Task):
                     tasks.append(found)
-                elif end(found):
-                    break
             else:
-                with closing(_made(tasks, library, options, watcher)) as made:
-                    for result in made:
-                        if end(result):
+                with closing(_done(tasks, library, options, watcher)) as done:
+                    for task, job, outcome in done:
+                        with held_back():
+                            over = end(library.take(task, job, outcome))
+                        if over:
                             break
             if options.prune:
                 library.prune({asset.name for asset in assets})
@@ -122,8 +128,10 @@ def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
         yield cluster
 
 
-def _made(tasks: list[Task], library: Library, options: BatchOptions, watcher: Watcher) -> Generator[Result]:
-    """Have a crew do the tasks; yield the result of each when its files are at their places."""
+def _done(
+    tasks: list[Task], library: Library, options: BatchOptions, watcher: Watcher
+) -> Generator[tuple[Task, Job, Outcome]]:
+    """Have a crew do the tasks; yield each with what came of it."""
     if not tasks:
         return
     tasks.sort(key=Task.weight, reverse=True)  # the longest first, lest one be alone at the end
@@ -136,4 +144,4 @@ def _made(tasks: list[Task], library: Library, options: BatchOptions, watcher: W
                 if event.outcome is None:
                     watcher.stage(task.asset, event.stage)
                 else:
-                    yield library.take(task, event.job, event.outcome)
+                    yield task, event.job, event.outcome
