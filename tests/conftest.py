@@ -1,6 +1,9 @@
-"""What all tests share: a renderer that must be left clean, and that Ctrl-C is heard."""
+"""What all tests share: a renderer that must be left clean, that Ctrl-C is heard, and the last words of a crash."""
 
+import faulthandler
 import signal
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +12,8 @@ from aoprecalc.gl.context import open_renderer
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a shell; programs would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+LAST_WORDS = pytest.StashKey()
+
 
 @pytest.fixture
 def renderer():
@@ -16,3 +21,30 @@ def renderer():
     with open_renderer() as renderer:
         yield renderer
         assert renderer.context.error == "GL_NO_ERROR"
+
+
+@pytest.hookimpl(trylast=True)  # after pytest has asked for stacks among the dots, where nobody finds them
+def pytest_configure(config):
+    """Have a worker of pytest-xdist keep its stacks in a file, should a driver crash it."""
+    if hasattr(config, "workerinput"):
+        kept = Path(config.workerinput["last_words"]) / config.workerinput["workerid"]
+        config.stash[LAST_WORDS] = kept.open("w")  # open as long as the worker lives
+        faulthandler.enable(config.stash[LAST_WORDS])
+    else:
+        config.stash[LAST_WORDS] = tempfile.TemporaryDirectory()
+        config.add_cleanup(config.stash[LAST_WORDS].cleanup)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node):
+    """Tell a worker where its stacks go."""
+    node.workerinput["last_words"] = node.config.stash[LAST_WORDS].name
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Show the stacks of workers that crashed; one that was killed from outside leaves none."""
+    for kept in sorted(Path(config.stash[LAST_WORDS].name).iterdir()):
+        if words := kept.read_text():
+            terminalreporter.section(f"stacks of {kept.name}")
+            of_ours = [line for line in words.splitlines() if "site-packages" not in line]
+            terminalreporter.write_line("\n".join(of_ours))
