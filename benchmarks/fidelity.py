@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from aoprecalc.files import load_scene, read_image
-from aoprecalc.measure.lookup import bilinear
-from aoprecalc.measure.points import spread_points
+from aoprecalc.io import load_scene, read_image
+from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.texture_lookup import bilinear
 
 ROOT = Path(__file__).resolve().parents[1]
 MESHES = ROOT.parent / "shared" / "meshes"

@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.files import find_occlusion, load_scene
-from aoprecalc.measure.errors import errors_at_levels, summarise
-from aoprecalc.measure.points import SurfacePoints, spread_points
-from aoprecalc.measure.reference import reference
-from aoprecalc.model import Atlas
+from aoprecalc.io import find_occlusion, load_scene
+from aoprecalc.mesh.normals import face_directions, shading_normals
+from aoprecalc.mesh.sampling import SurfacePoints, spread_points
+from aoprecalc.mesh.topology import islands
+from aoprecalc.metrics.errors import errors_at_levels, summarise
+from aoprecalc.metrics.reference import reference
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.surface.normals import face_directions, shading_normals
-from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import corner_ids, lay_out
-from aoprecalc.texspace.scanline import ScanlineRaster
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.layout import corner_ids, lay_out
+from aoprecalc.types import Atlas
 
 LEVELS = 3
 TEXEL_RAYS = 256  # many texels are averaged, so that few rays do

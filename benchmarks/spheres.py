@@ -34,15 +34,14 @@ from time import perf_counter
 import numpy as np
 import trimesh
 
-from aoprecalc.files import load_scene
-from aoprecalc.model import Scene
+from aoprecalc.io import load_scene
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit, measure
-from aoprecalc.spheres.clusters.lloyd import lloyd
-from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.likeness.distance import signed_distances
-from aoprecalc.spheres.sample import draw
+from aoprecalc.spheres.lloyd import lloyd
+from aoprecalc.spheres.metrics import signed_distances
+from aoprecalc.spheres.sampling import Frame, draw
+from aoprecalc.types import Scene
 
 Row = dict[str, object]
 

@@ -15,14 +15,14 @@ from picture_meshes import HALF_BOX, SIZE, cup, in_a_box, inside_out, leaning_wa
 from PIL import Image, ImageDraw, ImageFont
 
 from aoprecalc import BakeOptions, SphereOptions
-from aoprecalc.files import load_scene
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.model import Baked, Scene
-from aoprecalc.pictures import spheres_panels
+from aoprecalc.io import load_scene
 from aoprecalc.progress import Progress
-from aoprecalc.recipes.baking import bake_scene
+from aoprecalc.raster.layout import lay_out
+from aoprecalc.render import spheres_panels
 from aoprecalc.spheres import fit
-from aoprecalc.texspace.layout import lay_out
+from aoprecalc.types import Baked, Scene
 
 HERE = Path(__file__).parent
 MESHES = HERE.resolve().parents[1] / "shared" / "meshes"

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from aoprecalc.model import Part, Scene
+from aoprecalc.types import Part, Scene
 
 # leaning_wall: a floor and a wall that leans over it, outlined in texels; they meet at their first two corners.
 SIZE = (96, 72)

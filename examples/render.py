@@ -14,10 +14,10 @@ import numpy as np
 from PIL import Image
 
 from aoprecalc import AoprecalcError, InputError, load_scene
-from aoprecalc.files import read_image
-from aoprecalc.files.sphere_sets import read_sphere_set
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.surface.normals import shading_normals
+from aoprecalc.io import read_image
+from aoprecalc.io.sphere_files import read_sphere_set
+from aoprecalc.mesh.normals import shading_normals
 
 
 def unit(*vector: float) -> np.ndarray:

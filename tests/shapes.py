@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from aoprecalc.model import Part, Scene
+from aoprecalc.types import Part, Scene
 
 
 def scene(positions, faces, uvs=None, normals=None) -> Scene:

@@ -13,19 +13,20 @@ ROOT = Path(aoprecalc.__file__).parent
 FLOORS = [
     ["cli"],
     ["pipeline"],
-    ["recipes"],
-    ["files", "pictures"],
-    ["occlusion", "spheres", "measure"],
-    ["atlas"],
-    ["texspace"],
-    ["gl", "rays", "surface"],
-    ["model"],
-    ["options", "progress", "quantities", "children", "limits"],
+    ["api"],
+    ["io", "render"],
+    ["spheres", "metrics"],
+    ["uv", "visibility"],
+    ["raster"],
+    ["gl", "mesh"],
+    ["texture_lookup"],
+    ["types"],
+    ["options", "progress", "quantities", "subprocesses", "system"],
     ["errors"],
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "quantities", "children", "limits", "__init__"]
-NO_GL = ["spheres", "measure", "files", "pictures", "surface", "model"]
+STANDARD_LIBRARY_ONLY = ["options", "errors", "progress", "quantities", "subprocesses", "system", "__init__"]
+NO_GL = ["spheres", "metrics", "io", "render", "mesh", "types"]
 MODULES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
 
 

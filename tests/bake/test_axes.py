@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.occlusion.axes import GROUP, axes, groups, texel_offset
+from aoprecalc.visibility.directions import GROUP, axes, groups, texel_offset
 
 
 def unevenness(axes):

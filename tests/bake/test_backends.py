@@ -5,11 +5,11 @@ import sys
 import numpy as np
 import pytest
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.errors import RendererError
 from aoprecalc.gl import context
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.recipes import bake_scene
 from shapes import ball, bowl, box, clutter, dented, join, scene, torus
 
 

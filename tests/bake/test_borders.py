@@ -5,14 +5,15 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from aoprecalc.measure.lookup import bilinear
-from aoprecalc.measure.points import spread_points
-from aoprecalc.measure.reference import reference
+from aoprecalc.api import bake as baking
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.mesh.topology import borders
+from aoprecalc.metrics.reference import reference
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.recipes import bake_scene, baking
-from aoprecalc.surface.topology import borders
-from aoprecalc.texspace.layout import corner_ids
+from aoprecalc.raster.layout import corner_ids
+from aoprecalc.texture_lookup import bilinear
 from shapes import bowl, box, join, quad, quad_uvs, scene, torus, triangle_a_cell
 
 SIZE = 64

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
 from shapes import ball, box, disc, hull, join, quad, quad_uvs, scene, triangle_a_cell
 
 ONE_STEP = 1 / 255

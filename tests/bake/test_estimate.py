@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from aoprecalc.files.images import quantize
-from aoprecalc.measure.lookup import bilinear
-from aoprecalc.measure.points import spread_points
-from aoprecalc.occlusion.axes import axes
-from aoprecalc.occlusion.estimate import estimate, sampling_error
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.io.images import quantize
+from aoprecalc.mesh.sampling import spread_points
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
+from aoprecalc.texture_lookup import bilinear
+from aoprecalc.visibility.directions import axes
+from aoprecalc.visibility.gather import estimate, sampling_error
 from shapes import ball, quad, scene
 
 

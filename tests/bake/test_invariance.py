@@ -5,13 +5,16 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.measure.lookup import bilinear
-from aoprecalc.measure.points import spread_points
-from aoprecalc.occlusion import backend, gathering, near_far, portion
+from aoprecalc.mesh.sampling import spread_points
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
-from aoprecalc.texspace import samples
+from aoprecalc.raster import samples
+from aoprecalc.texture_lookup import bilinear
+from aoprecalc.visibility import backend
+from aoprecalc.visibility import depth_maps as near_far
+from aoprecalc.visibility import gather as gathering
+from aoprecalc.visibility import setup as portion
 from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
 OPTIONS = BakeOptions(width=96, height=96, directions=512, shadow_size=512)

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from aoprecalc.errors import UsageError
-from aoprecalc.occlusion import portion as portions
-from aoprecalc.occlusion.portion import PART, portion, runs
+from aoprecalc.visibility import setup as portions
+from aoprecalc.visibility.setup import PART, portion, runs
 
 MEGABYTE = 1 << 20
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from aoprecalc.measure.lookup import bilinear, mip_chain
-from aoprecalc.measure.points import spread_points
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.mesh.topology import islands
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
-from aoprecalc.surface.topology import islands
-from aoprecalc.texspace.layout import corner_ids, lay_out
-from aoprecalc.texspace.samples import CENTER
-from aoprecalc.texspace.scanline import ScanlineRaster
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.layout import corner_ids, lay_out
+from aoprecalc.raster.samples import CENTER
+from aoprecalc.texture_lookup import bilinear, mip_chain
 from shapes import scene, torus
 
 SIZE, LEVELS = 320, 3

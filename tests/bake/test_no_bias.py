@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
 from shapes import ball, box, hull, notch, quad, quad_uvs, rotation, scene, triangle_a_cell
 
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aoprecalc.measure.lookup import bilinear
-from aoprecalc.measure.points import spread_points
-from aoprecalc.measure.reference import reference
-from aoprecalc.model import Cutout, Look
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.mesh.roles import assign_roles
+from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.metrics.reference import reference
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.recipes import bake_scene
-from aoprecalc.surface.roles import assign_roles
+from aoprecalc.texture_lookup import bilinear
+from aoprecalc.types import Cutout, Look
 from shapes import ball, box, clutter, dented, quad, quad_uvs, scene, scene_of_parts, torus, triangle_a_cell
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from aoprecalc.model import Atlas
-from aoprecalc.occlusion.shadow_size import LEAST, MOST, auto_shadow_size
+from aoprecalc.types import Atlas
+from aoprecalc.visibility.projection import LEAST, MOST, auto_shadow_size
 from shapes import quad, quad_uvs, scene
 
 SQUARE = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), quad_uvs((0, 0), (1, 1)))

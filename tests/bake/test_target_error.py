@@ -5,16 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from aoprecalc.atlas.unwrap import unwrap
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.occlusion.backend import MapBackend
-from aoprecalc.occlusion.gathering import gather
-from aoprecalc.occlusion.sight import OwnSight
-from aoprecalc.occlusion.site import Site, Subject
+from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.recipes import bake_scene
-from aoprecalc.surface.normals import shading_normals
+from aoprecalc.uv.unwrap import unwrap
+from aoprecalc.visibility.backend import MapBackend
+from aoprecalc.visibility.gather import OwnSight, gather
+from aoprecalc.visibility.setup import Site, Subject
 from shapes import bowl, box, cap, clutter, join, scene, torus
 
 SIZE = 80

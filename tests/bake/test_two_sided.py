@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
-from aoprecalc.texspace.layout import lay_out
-from aoprecalc.texspace.samples import CENTER
-from aoprecalc.texspace.scanline import ScanlineRaster
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.layout import lay_out
+from aoprecalc.raster.samples import CENTER
 from shapes import ball, cap, dented, join, quad, scene, torus
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])

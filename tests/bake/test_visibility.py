@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from aoprecalc.model import Atlas
-from aoprecalc.occlusion.axes import axes
-from aoprecalc.occlusion.map_observer import MapObserver
-from aoprecalc.occlusion.projection import extreme_points, project
-from aoprecalc.occlusion.ray_observer import RayObserver
+from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.mesh.unit_sphere import UnitSurface
 from aoprecalc.progress import Progress
-from aoprecalc.surface.normals import shading_normals
-from aoprecalc.surface.unit import UnitSurface
-from aoprecalc.texspace.layout import lay_out
-from aoprecalc.texspace.samples import CENTER
-from aoprecalc.texspace.scanline import ScanlineRaster
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.layout import lay_out
+from aoprecalc.raster.samples import CENTER
+from aoprecalc.types import Atlas
+from aoprecalc.visibility.depth_maps import MapObserver
+from aoprecalc.visibility.directions import axes
+from aoprecalc.visibility.projection import extreme_points, project
+from aoprecalc.visibility.rays import RayObserver
 from shapes import clutter, scene, triangle_a_cell
 
 SIZE = 40

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import aoprecalc
-from aoprecalc.files import read_image, write_image
-from aoprecalc.files.images import read_pixels
+from aoprecalc.io import read_image, write_image
+from aoprecalc.io.images import read_pixels
 from shapes import torus
 
 TEXTURE, SIZE = "plain_ao.png", 64

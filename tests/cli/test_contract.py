@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from aoprecalc.files import load_scene, read_image
+from aoprecalc.io import load_scene, read_image
 from shapes import box, join, torus
 
 QUICK = ["--size", "64", "-n", "64"]

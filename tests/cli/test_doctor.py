@@ -13,12 +13,16 @@ import pytest
 from click.testing import CliRunner
 
 import aoprecalc
-from aoprecalc import limits
+from aoprecalc import system as limits
+from aoprecalc import system as machine
+from aoprecalc.api import doctor as checkup
+from aoprecalc.api import doctor as probing
+from aoprecalc.api import self_test as trial_child
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.cli.doctor import doctor as command
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.gl.context import CANDIDATES
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene, checkup, machine, probing, trial_child
 from shapes import ball, scene
 
 # Python runs it at the start of every process: no OpenGL context can be made.

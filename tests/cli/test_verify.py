@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import aoprecalc
-from aoprecalc.files import read_image, write_image
+from aoprecalc.io import read_image, write_image
 from shapes import torus
 
 QUICK = ["--points", "2000", "--rays", "256"]

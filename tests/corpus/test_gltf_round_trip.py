@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from aoprecalc.api.bake import bake
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake
-from files.gltf_compare import differences
-from files.gltf_occlusion import occlusion_faults, receivers
-from files.gltf_validator import needs_validator, new_issues
-from files.gltf_values import GltfValues
+from gltf_kit.gltf_compare import differences
+from gltf_kit.gltf_occlusion import occlusion_faults, receivers
+from gltf_kit.gltf_validator import needs_validator, new_issues
+from gltf_kit.gltf_values import GltfValues
 
 MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
 needs_meshes = pytest.mark.skipif(not MESHES.is_dir(), reason="the folder shared/meshes is not beside the repository")

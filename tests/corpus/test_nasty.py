@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError
-from aoprecalc.files import load_scene
+from aoprecalc.io import load_scene
 
 MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
 KINDS = {".obj", ".ply", ".stl", ".off", ".gltf", ".glb"}

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aoprecalc.files import load_scene, read_image
-from aoprecalc.files.gltf.occlusion import gltf_occlusion
-from aoprecalc.measure.lookup import bilinear
-from aoprecalc.measure.points import spread_points
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.io import load_scene, read_image
+from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
+from aoprecalc.mesh.sampling import spread_points
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
+from aoprecalc.texture_lookup import bilinear
 
 MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
 needs_meshes = pytest.mark.skipif(not MESHES.is_dir(), reason="the folder shared/meshes is not beside the repository")

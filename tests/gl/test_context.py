@@ -6,11 +6,12 @@ import sys
 
 import pytest
 
-from aoprecalc.atlas import choose
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.errors import RendererError, UsageError
-from aoprecalc.gl import context, osmesa
+from aoprecalc.gl import context
+from aoprecalc.gl import context as osmesa
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
+from aoprecalc.uv import select as choose
 from shapes import scene, torus
 
 

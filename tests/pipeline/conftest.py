@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.cli import main
-from aoprecalc.pipeline.crew.crew import Event
-from aoprecalc.pipeline.crew.work import work
+from aoprecalc.pipeline.jobs import work
+from aoprecalc.pipeline.workers import Event
 
 
 class InThisProcess:
@@ -39,7 +39,7 @@ def crew(monkeypatch):
     def open_crew(count, options):
         yield crew
 
-    monkeypatch.setattr(import_module("aoprecalc.pipeline.batch"), "open_crew", open_crew)  # batch is a function, too
+    monkeypatch.setattr(import_module("aoprecalc.pipeline.run"), "open_crew", open_crew)  # batch is a function, too
     return crew
 
 

@@ -40,6 +40,6 @@ def strange(fit):
 
 
 if "aoprecalc.pipeline.worker" in sys.orig_argv:
-    from aoprecalc import recipes
+    from aoprecalc.pipeline import jobs
 
-    recipes.fit_spheres = strange(recipes.fit_spheres)
+    jobs.fit_spheres = strange(jobs.fit_spheres)

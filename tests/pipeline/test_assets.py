@@ -7,7 +7,7 @@ import trimesh
 
 from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline import batch, plan
-from aoprecalc.pipeline.asset import Order
+from aoprecalc.pipeline.jobs import Order
 from pipeline.helpers import BAKE, SPHERES, contents, said, statuses, write_ring
 
 FILES = [

@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.asset import Order
-from aoprecalc.pipeline.crew.child import Child
-from aoprecalc.pipeline.crew.crew import LocalCrew
-from aoprecalc.pipeline.crew.work import Failure, Job, Made
+from aoprecalc.pipeline.jobs import Failure, Job, Made, Order
+from aoprecalc.pipeline.workers import Child, LocalCrew
 from pipeline.helpers import BAKE, PATIENCE, SPHERES, wait_until, write_ring
 
 pytestmark = [

@@ -14,10 +14,10 @@ import pytest
 from aoprecalc import BakeOptions, BatchOptions, SphereOptions, batch
 from aoprecalc.errors import AoprecalcError, UsageError
 from aoprecalc.pipeline import Watcher
-from aoprecalc.pipeline.asset import Order
-from aoprecalc.pipeline.cluster import remote, workers
-from aoprecalc.pipeline.cluster.remote import Place
-from aoprecalc.pipeline.crew.work import Job
+from aoprecalc.pipeline import dask_client as workers
+from aoprecalc.pipeline import dask_worker as remote
+from aoprecalc.pipeline.dask_worker import Place
+from aoprecalc.pipeline.jobs import Job, Order
 from pipeline.helpers import contents, wait_until, without_times, write_ring
 
 distributed = pytest.importorskip("distributed")

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.files import input_files, load_scene
-from aoprecalc.files.meshes import READERS, source_files
+from aoprecalc.io import input_files, load_scene
+from aoprecalc.io.meshes import READERS, source_files
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline.asset import Asset, Order
-from aoprecalc.pipeline.store import inputs
-from aoprecalc.pipeline.store.inputs import Inputs, Stamp, order_key, result_key
-from files.gltf_documents import DOCUMENTS, STACKED, corner, pictured
-from files.gltf_maker import GltfMaker, png
+from aoprecalc.pipeline import state as inputs
+from aoprecalc.pipeline.jobs import Asset, Order
+from aoprecalc.pipeline.state import Inputs, Stamp, order_key, result_key
+from gltf_kit.gltf_documents import DOCUMENTS, STACKED, corner, pictured
+from gltf_kit.gltf_maker import GltfMaker, png
 from pipeline.helpers import write_ring
 from shapes import box
 
@@ -202,7 +202,7 @@ def test_what_only_takes_time_does_not_matter(option):
 def test_another_version_makes_everything_again(monkeypatch):
     asset = Asset("rock", Path("rock.obj"), BOTH)
     first = order_key(asset, Path("out"))
-    monkeypatch.setattr("aoprecalc.pipeline.store.inputs.__version__", "99.0")
+    monkeypatch.setattr("aoprecalc.pipeline.state.__version__", "99.0")
     assert order_key(asset, Path("out")) != first
 
 

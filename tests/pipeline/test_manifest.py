@@ -4,7 +4,7 @@ import pytest
 
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline import plan
-from aoprecalc.pipeline.asset import Order
+from aoprecalc.pipeline.jobs import Order
 from pipeline.helpers import contents, error_of, run, write_ring
 
 DEFAULT = Order(bake=BakeOptions())

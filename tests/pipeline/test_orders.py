@@ -11,10 +11,9 @@ from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import UsageError
 from aoprecalc.options import RANGES, BakeOptions, SphereOptions
-from aoprecalc.pipeline.asset import Asset
-from aoprecalc.pipeline.planning.orders import MESHES, SPHERE_SETS, TEXTURES, Order, as_words, read_order
-from aoprecalc.pipeline.report import commands
-from aoprecalc.pipeline.watching import Result
+from aoprecalc.pipeline.jobs import Asset
+from aoprecalc.pipeline.option_tables import MESHES, SPHERE_SETS, TEXTURES, Order, as_words, read_order
+from aoprecalc.pipeline.report import Result, commands
 from pipeline.helpers import BAKE, SPHERES, said
 
 # What people write -> what it means, where these are not the same.

@@ -10,12 +10,11 @@ import pytest
 
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline import batch
-from aoprecalc.pipeline.store import inputs
-from aoprecalc.pipeline.store import records as records_module
-from aoprecalc.pipeline.store.inputs import Inputs, Stamp
-from aoprecalc.pipeline.store.records import Record, Records
-from files.gltf_documents import STACKED, corner, pictured
-from files.gltf_maker import GltfMaker
+from aoprecalc.pipeline import state as inputs
+from aoprecalc.pipeline import state as records_module
+from aoprecalc.pipeline.state import Inputs, Record, Records, Stamp
+from gltf_kit.gltf_documents import STACKED, corner, pictured
+from gltf_kit.gltf_maker import GltfMaker
 from pipeline.helpers import BAKE, HOME, SPHERES, contents, said, statuses, without_times, write_ring
 
 OLD = (10**18, 10**18)  # a time that tools may give to any file
@@ -101,7 +100,7 @@ def test_other_options_make_it_again(made, crew):
 
 
 def test_another_version_makes_it_again(made, monkeypatch):
-    monkeypatch.setattr("aoprecalc.pipeline.store.inputs.__version__", "99.0")
+    monkeypatch.setattr("aoprecalc.pipeline.state.__version__", "99.0")
     assert make() == {"a": "made", "b": "made"}
 
 

@@ -7,11 +7,9 @@ from xml.etree import ElementTree
 import pytest
 
 from aoprecalc import __version__
-from aoprecalc.files.reports import report_text
-from aoprecalc.pipeline.asset import Asset, Order
-from aoprecalc.pipeline.crew.work import Failure
-from aoprecalc.pipeline.report import batch_report, junit
-from aoprecalc.pipeline.watching import Result
+from aoprecalc.io.outputs import report_text
+from aoprecalc.pipeline.jobs import Asset, Failure, Order
+from aoprecalc.pipeline.report import Result, batch_report, junit
 from pipeline.helpers import BAKE, SPHERES
 
 ODD = "ä 日本 <&>\"' \x00\x07\x1b[31m\r\n\t\ud800\ufffe]]> --"

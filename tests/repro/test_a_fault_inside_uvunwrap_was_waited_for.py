@@ -4,12 +4,12 @@ import sys
 
 import pytest
 
-from aoprecalc.atlas.choose import choose_atlas
-from aoprecalc.atlas.unwrap import _CHILDREN
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.texspace.scanline import ScanlineRaster
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.uv.select import choose_atlas
+from aoprecalc.uv.unwrap import _CHILDREN
 from shapes import box, scene
 
 PANIC = """import sys, time
@@ -21,7 +21,7 @@ time.sleep(600)"""
 @pytest.fixture(autouse=True)
 def panic(monkeypatch):
     monkeypatch.setitem(_CHILDREN, "uvunwrap", [sys.executable, "-c", PANIC])
-    monkeypatch.setattr("aoprecalc.atlas.choose.LARGE_MESH", 10)
+    monkeypatch.setattr("aoprecalc.uv.select.LARGE_MESH", 10)
 
 
 def choose(unwrap):

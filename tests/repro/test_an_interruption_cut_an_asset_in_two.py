@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from aoprecalc import SphereOptions, batch
-from aoprecalc.pipeline.interruptions import held_back
-from aoprecalc.pipeline.store.records import Records
+from aoprecalc.pipeline.run import held_back
+from aoprecalc.pipeline.state import Records
 from shapes import box
 
 SMALL = SphereOptions(8, samples=500)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
 from shapes import box, join, quad, quad_uvs, scene
 
 
@@ -15,7 +15,7 @@ def test_the_first_texel_beside_a_wall_is_as_dark_as_the_next():
     options = BakeOptions(width=256, height=192, normals="flat", unwrap="keep", padding=0)
     made = scene(*join(floor, block), uvs)
     # The block's UVs overlap on purpose; only the floor's texels are looked at.
-    from aoprecalc.atlas import choose
+    from aoprecalc.uv import select as choose
 
     kept = choose.MOST_OVERLAP
     try:

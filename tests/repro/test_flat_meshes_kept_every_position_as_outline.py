@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.occlusion.projection import extreme_points
+from aoprecalc.visibility.projection import extreme_points
 from shapes import quad
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.spheres.likeness.solid import Grid, inside_mesh
+from aoprecalc.spheres.voxels import Grid, inside_mesh
 from shapes import ball
 
 

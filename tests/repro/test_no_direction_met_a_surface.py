@@ -2,8 +2,8 @@
 
 import pytest
 
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
 from shapes import quad, scene
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from aoprecalc.errors import UsageError
-from aoprecalc.files import Outputs, load_scene, source_files
+from aoprecalc.io import Outputs, load_scene, source_files
 from shapes import box
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.descent.pieces import pieces
+from aoprecalc.spheres.collision import pieces
 
 
 def test_a_needle_comes_in_fewer_pieces_than_a_square():

@@ -3,9 +3,9 @@
 import gc
 import weakref
 
-from aoprecalc.occlusion.backend import MapBackend
+from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
+from aoprecalc.visibility.backend import MapBackend
 from shapes import scene, torus
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from aoprecalc.files import load_scene
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.recipes import bake_scene
-from aoprecalc.texspace.layout import corner_ids
+from aoprecalc.raster.layout import corner_ids
 from shapes import join, quad, quad_uvs, scene
 
 

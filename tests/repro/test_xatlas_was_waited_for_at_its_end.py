@@ -2,7 +2,7 @@
 
 import sys
 
-from aoprecalc.atlas.unwrap import _CHILDREN, unwrap
+from aoprecalc.uv.unwrap import _CHILDREN, unwrap
 from shapes import box, scene
 
 STUCK = """import time
@@ -13,7 +13,7 @@ class Stuck(xatlas.Atlas):
         wait(600)
 
 xatlas.Atlas = Stuck
-from aoprecalc.atlas.xatlas_child import main
+from aoprecalc.uv.xatlas_process import main
 main()"""
 
 

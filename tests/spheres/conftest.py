@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.model import Doubles, Ints, Part, Scene
 from aoprecalc.progress import Progress
+from aoprecalc.types import Doubles, Ints, Part, Scene
 
 
 @pytest.fixture(scope="session")

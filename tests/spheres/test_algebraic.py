@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.clusters.algebraic import algebraic
-from aoprecalc.spheres.sample import on_grid
+from aoprecalc.spheres.algebraic import algebraic
+from aoprecalc.spheres.sampling import on_grid
 
 LARGEST = 3**0.5  # no sphere is larger than the one around the box
 

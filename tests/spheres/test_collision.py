@@ -7,10 +7,9 @@ import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit
-from aoprecalc.spheres.descent.collision import _grown
-from aoprecalc.spheres.descent.pieces import pieces
-from aoprecalc.spheres.likeness.distance import signed_distances
-from aoprecalc.spheres.likeness.solid import Grid, inside_mesh
+from aoprecalc.spheres.collision import _grown, pieces
+from aoprecalc.spheres.metrics import signed_distances
+from aoprecalc.spheres.voxels import Grid, inside_mesh
 
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 2)
 

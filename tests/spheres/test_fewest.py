@@ -8,10 +8,10 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit
-from aoprecalc.spheres.fewest import MOST, SAMPLES, fewest
+from aoprecalc.spheres.fit import MOST, SAMPLES, fewest
 from aoprecalc.spheres.fitted import Fitted
-from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.likeness.distance import signed_distances
+from aoprecalc.spheres.metrics import signed_distances
+from aoprecalc.spheres.sampling import Frame
 
 SCENE = shapes.scene(*shapes.torus(around=24, across=12))
 FRAME = Frame.around(SCENE.positions)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.descent.greedy import choose
-from aoprecalc.spheres.likeness.silhouettes import mesh_silhouettes, sphere_counts, views
+from aoprecalc.spheres.shadow import choose
+from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
 
 
 def worth_of(positions, faces, seen):

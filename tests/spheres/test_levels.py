@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.files.sphere_sets import sphere_document
-from aoprecalc.model import SphereSet
+from aoprecalc.io.sphere_files import sphere_document
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit
-from aoprecalc.spheres.levels import parents
+from aoprecalc.spheres.fit import parents
+from aoprecalc.types import SphereSet
 
 SCENE = shapes.scene(*shapes.clutter(1, boxes=3))
 

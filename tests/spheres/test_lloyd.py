@@ -6,9 +6,8 @@ from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.clusters.lloyd import lloyd
-from aoprecalc.spheres.clusters.starts import starts
-from aoprecalc.spheres.sample import on_grid
+from aoprecalc.spheres.lloyd import lloyd, starts
+from aoprecalc.spheres.sampling import on_grid
 
 
 def made(shape, count, seed):

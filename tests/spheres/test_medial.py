@@ -5,9 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 import shapes
-from aoprecalc.spheres.descent.medial import medial_balls
-from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.sample import draw_with_normals
+from aoprecalc.spheres.sampling import Frame, draw_with_normals
+from aoprecalc.spheres.shadow import medial_balls
 
 ARRIVED = 1e-3  # of the radius: balls that shrink by less stop
 

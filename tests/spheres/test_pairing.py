@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.clusters.pairing import Pairing
+from aoprecalc.spheres.lloyd import Pairing
 
 
 def brute(points, centers):

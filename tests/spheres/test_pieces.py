@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.descent.pieces import pieces
+from aoprecalc.spheres.collision import pieces
 
 
 def areas(corners):

@@ -9,8 +9,8 @@ import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres.fit import measure
-from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.likeness.quality import quality
+from aoprecalc.spheres.metrics import quality
+from aoprecalc.spheres.sampling import Frame
 
 BALL = shapes.scene(*shapes.ball(4))
 SILHOUETTES = ("silhouette_iou", "silhouette_iou_min", "leak", "spill", "area_bias")

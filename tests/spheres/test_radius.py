@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.clusters.lloyd import Clusters
-from aoprecalc.spheres.clusters.radius import radii
+from aoprecalc.spheres.lloyd import Clusters, radii
 
 # Cluster 0 stands at the origin with samples at distances 1 and 3, cluster 1 at x = 4 with samples at 1, 2 and 6.
 CLUSTERS = Clusters(

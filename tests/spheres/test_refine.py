@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.descent.refine import Descent
-from aoprecalc.spheres.likeness.silhouettes import mesh_silhouettes, sphere_counts, views
+from aoprecalc.spheres.silhouette_descent import Descent
+from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
 
 SEEN = views(20, 1.6, 96, turn=0.25)
 PIXEL = 1 / SEEN.scale

@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from aoprecalc.errors import InputError
-from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.sample import draw, on_grid
+from aoprecalc.spheres.sampling import Frame, draw, on_grid
 
 
 def samples(scene, count, distinct=1, seed=0):

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.likeness.silhouettes import (
-    Views,
-    counted,
-    disc_runs,
-    mesh_silhouettes,
-    run_sums,
-    sphere_counts,
-    views,
-)
+from aoprecalc.spheres.silhouettes import Views, counted, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
 
 SNAPPED = 1 / 128  # pixels: the rasteriser moves corners by half as much at most
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.likeness.solid import Grid, inside_mesh, sphere_layers
+from aoprecalc.spheres.voxels import Grid, inside_mesh, sphere_layers
 
 
 def around(positions, most):

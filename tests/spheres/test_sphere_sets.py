@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError, OutputError, UsageError
-from aoprecalc.files.sphere_sets import check_kind, read_sphere_set, write_sphere_set
-from aoprecalc.model import SphereSet
+from aoprecalc.io.sphere_files import check_kind, read_sphere_set, write_sphere_set
+from aoprecalc.types import SphereSet
 
 SPHERES = SphereSet(
     centers=np.array([[0.1, -2, 1e-7], [1 / 3, 4e20, 0]]),

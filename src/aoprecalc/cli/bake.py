@@ -76,14 +76,14 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
 
     Writes the texture and the mesh that it belongs to.
     """
-    from aoprecalc import recipes
-    from aoprecalc.files.reports import report_text
+    from aoprecalc.api.bake import bake
+    from aoprecalc.io.outputs import report_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     places = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify")}
     as_json = given.pop("as_json")
     options = BakeOptions(width=size[0], height=size[1], **given)
-    result = recipes.bake(mesh, **places, options=options, progress=console)
+    result = bake(mesh, **places, options=options, progress=console)
     if as_json:
         click.echo(report_text(result.report), nl=False)
         return

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from aoprecalc.cli.annotations import annotate
 from aoprecalc.cli.bake import bake as bake_command
+from aoprecalc.cli.console import annotate
 from aoprecalc.cli.options import common, memory, option
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import AnswerError, StoppedError, UsageError
@@ -88,9 +88,8 @@ def batch(
     fails costs the others nothing; the exit code is 1 then.
     """
     from aoprecalc.cli.batch_table import BatchTable, table
-    from aoprecalc.files import Outputs
-    from aoprecalc.files.places import claim
-    from aoprecalc.files.reports import report_text, write_report
+    from aoprecalc.io import Outputs
+    from aoprecalc.io.outputs import claim, report_text, write_report
     from aoprecalc.pipeline import default_cache, plan, read_order, run
     from aoprecalc.pipeline.report import junit as junit_text
 
@@ -140,7 +139,7 @@ def _said(result: "BatchResult", folder: Path) -> str:
 
 def _place(name: str, wanted: str, suffix: str) -> Path:
     """Return the file of a report; raises UsageError for another extension, as it may be a mesh's own file."""
-    from aoprecalc.files.places import output_place
+    from aoprecalc.io.outputs import output_place
 
     place = output_place(wanted, f"batch{suffix}")
     if place.suffix.lower() != suffix:

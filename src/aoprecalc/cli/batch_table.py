@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from aoprecalc.pipeline import BatchResult, Result, Watcher
-from aoprecalc.pipeline.asset import Asset
+from aoprecalc.pipeline.jobs import Asset
 
 _NAME = 48  # columns of a name at most
 

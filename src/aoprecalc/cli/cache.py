@@ -10,7 +10,7 @@ from aoprecalc.errors import UsageError
 from aoprecalc.quantities import read_days, say_bytes
 
 if TYPE_CHECKING:
-    from aoprecalc.pipeline.store.cache import Usage
+    from aoprecalc.pipeline.cache import Usage
 
 _folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
 
@@ -58,7 +58,7 @@ def prune(
 
 def _say(folder: Path, verb: str, usage: "Usage", as_json: bool) -> None:
     if as_json:
-        from aoprecalc.files.reports import report_text
+        from aoprecalc.io.outputs import report_text
 
         document = {"schema": 1, "folder": str(folder), verb: {"results": usage.entries, "bytes": usage.bytes}}
         click.echo(report_text(document), nl=False)

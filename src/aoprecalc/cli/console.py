@@ -1,14 +1,34 @@
-"""What a person sees while a command works: stages on a terminal, a few plain lines in a log. All of it on stderr."""
+"""Annotations: lines in the log of a GitHub workflow that GitHub shows beside the files they are about."""
 
+import os
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
 
 from aoprecalc.progress import Progress
+
+
+def annotate(level: str, message: str, *, file: Path | None = None) -> None:
+    """Print a workflow command on standard error; nothing outside of a workflow.
+
+    level   error, warning or notice
+    """
+    if os.environ.get("GITHUB_ACTIONS") != "true":
+        return
+    where = f" file={_escaped(str(file)).replace(':', '%3A').replace(',', '%2C')}" if file is not None else ""
+    click.echo(f"::{level}{where}::{_escaped(message)}", err=True)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+# What a person sees while a command works: stages on a terminal, a few plain lines in a log. All of it on stderr.
 
 
 class Console(Progress):

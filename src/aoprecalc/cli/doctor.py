@@ -14,10 +14,10 @@ from aoprecalc.errors import AoprecalcError, RendererError
 @common
 def doctor(*, quiet: bool, verbose: bool, as_json: bool) -> None:
     """Say what this machine can bake with, bake a small scene to see whether it does, and say what to install."""
-    from aoprecalc import recipes
-    from aoprecalc.files.reports import report_text
+    from aoprecalc.api.doctor import doctor
+    from aoprecalc.io.outputs import report_text
 
-    result = recipes.doctor(progress=Console(quiet=quiet, verbose=verbose))
+    result = doctor(progress=Console(quiet=quiet, verbose=verbose))
     report = result.report
     click.echo(report_text(report) if as_json else "\n".join(_table(report)), nl=not as_json)
     if report["auto"] is None:

@@ -10,11 +10,11 @@ from typing import Any
 import click
 
 from aoprecalc import __version__
-from aoprecalc.cli.annotations import annotate
 from aoprecalc.cli.bake import bake
 from aoprecalc.cli.batch import batch
 from aoprecalc.cli.cache import cache
 from aoprecalc.cli.compare import compare
+from aoprecalc.cli.console import annotate
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify

@@ -66,21 +66,21 @@ def spheres(mesh: str, **given: Any) -> None:
 
     Writes them, in the mesh's own coordinates, as JSON or as what the output's extension says.
     """
-    from aoprecalc import recipes
+    from aoprecalc.api.spheres import fit_spheres, measure_spheres
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     output, as_json, measured = given.pop("output"), given.pop("as_json"), given.pop("measure")
     if measured is not None:
         _refuse_beside("--measure", "fits nothing", *(set(given) - {"samples", "seed"}), "output")
         options = SphereOptions(1, samples=given["samples"], seed=given["seed"])
-        found_quality = recipes.measure_spheres(mesh, measured, options=options, progress=console)
+        found_quality = measure_spheres(mesh, measured, options=options, progress=console)
         click.echo(found_quality.document if as_json else _table(found_quality.quality), nl=False)
         return
     for instead in ("tolerance", "levels"):
         if given[instead] is not None:
             _refuse_beside(f"--{instead}", "says how many spheres", "spheres")
     options = SphereOptions(**given | {"levels": given["levels"] or ()})
-    result = recipes.fit_spheres(mesh, output, options=options, progress=console)
+    result = fit_spheres(mesh, output, options=options, progress=console)
     if as_json:
         click.echo(result.document, nl=False)
         return

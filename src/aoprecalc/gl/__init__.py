@@ -1,1 +1,1 @@
-"""OpenGL without a screen: contexts and programs."""
+"""Headless OpenGL: contexts and shader programs."""

@@ -9,10 +9,10 @@ import sys
 from contextlib import AbstractContextManager
 from multiprocessing.connection import Connection
 
-from aoprecalc.children import end_with_parent
-from aoprecalc.occlusion.sight import OpenSight
-from aoprecalc.pipeline.crew.glance import Eyes, Glance
-from aoprecalc.pipeline.crew.work import Job, own_sight, work
+from aoprecalc.pipeline.jobs import Job, own_sight, work
+from aoprecalc.pipeline.visibility_task import Eyes, Glance
+from aoprecalc.subprocesses import end_with_parent
+from aoprecalc.visibility.gather import OpenSight
 
 
 def main() -> None:
@@ -37,7 +37,7 @@ def _sight_of(job: Job) -> AbstractContextManager[OpenSight]:
     """Have a job's process look by itself, or the workers of a cluster."""
     if job.spread is None:
         return own_sight(job)
-    from aoprecalc.pipeline.cluster.spread import Spread  # needs an extra
+    from aoprecalc.pipeline.dask_client import Spread  # needs an extra
 
     return Spread(job.spread, job.shown)
 

@@ -4,6 +4,6 @@ NumPy and SciPy only.
 """
 
 from aoprecalc.spheres.fit import fit, measure
-from aoprecalc.spheres.likeness.quality import Quality
+from aoprecalc.spheres.metrics import Quality
 
 __all__ = ["Quality", "fit", "measure"]

@@ -1,19 +1,122 @@
-"""From a scene to spheres and what they are worth."""
+"""Sphere sets of several finenesses, one above the other."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from aoprecalc.model import Doubles, Scene, SphereSet
-from aoprecalc.options import SphereOptions
+from aoprecalc.errors import AoprecalcError
+from aoprecalc.options import Method, SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.fewest import fewest
+from aoprecalc.spheres.algebraic import algebraic
+from aoprecalc.spheres.collision import collision
 from aoprecalc.spheres.fitted import Fitted
-from aoprecalc.spheres.frame import Frame
-from aoprecalc.spheres.levels import parents
-from aoprecalc.spheres.likeness.quality import Quality, quality
-from aoprecalc.spheres.methods import fitted
-from aoprecalc.spheres.sample import draw
+from aoprecalc.spheres.lloyd import Clusters, lloyd, radii, starts
+from aoprecalc.spheres.metrics import Quality, quality, signed_distances, silhouette_quality
+from aoprecalc.spheres.sampling import Frame, draw
+from aoprecalc.spheres.shadow import Target, shadow
+from aoprecalc.types import Doubles, Ints, Scene, SphereSet
+
+_MOST = 1 << 20  # pairs that are measured at a time: bounds memory
+
+
+def parents(finer: SphereSet, coarser: SphereSet) -> Ints:
+    """Return the number of the coarser sphere that each finer one belongs to, (n,) int32.
+
+    That is the one whose surface is nearest to the finer sphere's centre, or lies farthest beyond it.
+    """
+    found: Ints = np.empty(len(finer), np.int32)
+    block = max(1, _MOST // len(coarser))
+    for start in range(0, len(finer), block):
+        aside = finer.centers[start : start + block, None] - coarser.centers
+        found[start : start + block] = np.argmin(np.linalg.norm(aside, axis=2) - coarser.radii, axis=1)
+    return found
+
+
+# As few spheres as are good enough.
+
+MOST = 4096
+SAMPLES = 10  # that each sphere has at least: fewer would be fitted, not stood for
+
+
+def fewest(
+    scene: Scene,
+    frame: Frame,
+    points: Doubles,
+    attempt: Callable[[int], Fitted],
+    tolerance: float,
+    method: Method,
+) -> Fitted:
+    """Return a fit whose error is at most `tolerance`, of few spheres: at most MOST, and a tenth of the samples.
+
+    attempt   fits as many spheres, in the frame, by `method`
+
+    The error is 1 - silhouette_iou for the methods shadow and collision, surface_error_mean for others. It need not
+    fall with every sphere: what is found is good enough, and one sphere less, which was tried, is not.
+    Raises AoprecalcError where no number of spheres will do.
+    """
+    by_silhouettes = method in ("shadow", "collision")
+    positions = frame.enter(scene.positions)
+    most = min(MOST, max(1, len(np.unique(points[: SAMPLES * MOST], axis=0)) // SAMPLES))
+
+    def error(made: Fitted) -> float:
+        if by_silhouettes:
+            return 1.0 - silhouette_quality(scene, positions, made.centers, made.radii)["silhouette_iou"]
+        away = signed_distances(points, made.centers, made.radii)
+        return float(np.abs(away).mean() / (frame.diagonal or 1.0))
+
+    too_few, count = 0, 1
+    failed: list[tuple[float, int]] = []
+    while (found := error(made := attempt(count))) > tolerance:
+        failed.append((found, count))
+        if count == most:
+            kind = "1 - silhouette IoU" if by_silhouettes else "mean surface error"
+            least, by = min(failed)
+            raise AoprecalcError(
+                f"{scene.path}: no number of spheres up to {most} was found with an error of --tolerance {tolerance:g} "
+                f"({kind}), the least was {least:.4g} with {by}; allow that, or use more --samples or another --method"
+            )
+        too_few, count = count, min(2 * count, most)
+    while count - too_few > 1:
+        middle = (too_few + count) // 2
+        tried = attempt(middle)
+        if error(tried) <= tolerance:
+            made, count = tried, middle
+        else:
+            too_few = middle
+    return made
+
+
+# The ways to fit spheres to samples of a surface, by the names that options give them.
+
+
+def fitted(
+    scene: Scene,
+    frame: Frame,
+    points: Doubles,
+    count: int,
+    options: SphereOptions,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> Fitted:
+    """Fit `count` spheres, in the frame, by `options.method`; points: (s, 3) samples of the scene's surface in it."""
+    if options.method == "shadow":
+        return shadow(scene, frame, Target.of(scene, frame), points, count, rng, progress)
+    if options.method == "collision":
+        return collision(scene, frame, points, count, rng, progress)
+    first = starts(points, count, options.init, rng)
+    if options.method == "algebraic":
+        fit = algebraic(points, first, options.max_iterations, progress)
+        if options.radius == "mean":  # the fit's own: the root mean square distance of a sphere's samples
+            return Fitted(fit.centers, fit.radii, fit.iterations, fit.converged, fit.guarded)
+        distances = np.linalg.norm(points - fit.centers[fit.labels], axis=1)
+        clusters = Clusters(fit.centers, fit.labels, distances, fit.iterations, fit.converged)
+        return Fitted(fit.centers, radii(clusters, options.radius), fit.iterations, fit.converged, fit.guarded)
+    clusters = lloyd(points, first, options.max_iterations, progress)
+    return Fitted(clusters.centers, radii(clusters, options.radius), clusters.iterations, clusters.converged)
+
+
+# From a scene to spheres and what they are worth.
 
 _BY_CLUSTERS = ("lloyd", "algebraic")  # methods to which options.radius and options.init apply
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from aoprecalc.model import Doubles
+from aoprecalc.types import Doubles
 
 
 @dataclass(frozen=True, eq=False)

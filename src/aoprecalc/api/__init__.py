@@ -1,0 +1,1 @@
+"""The jobs as a whole, each the story of one job in a screenful: bake, spheres, verify, compare, doctor."""

@@ -1,0 +1,217 @@
+"""Bake: from a mesh file to an ambient-occlusion texture and the mesh that it belongs to."""
+
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aoprecalc.api.reports import bake_report
+from aoprecalc.api.verify import about_sharing, verify_scene
+from aoprecalc.api.warnings import bake_warnings
+from aoprecalc.errors import InputError, UsageError
+from aoprecalc.io import (
+    Outputs,
+    check_mesh_suffix,
+    choose_depth,
+    load_scene,
+    mesh_suffix,
+    read_image,
+    source_files,
+    write_baked_mesh,
+    write_image,
+)
+from aoprecalc.io.outputs import claim, output_place, write_report
+from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.mesh.roles import assign_roles
+from aoprecalc.metrics.errors import Verified
+from aoprecalc.options import BakeOptions, VerifyOptions
+from aoprecalc.progress import Progress, Stopwatch
+from aoprecalc.raster.padding import finish, lighter, paint
+from aoprecalc.types import Atlas, Baked, Floats, Scene
+from aoprecalc.uv.gutter import first_unsafe_mip
+from aoprecalc.uv.select import choose_atlas
+from aoprecalc.visibility import rays as occluders
+from aoprecalc.visibility.backend import open_backend
+from aoprecalc.visibility.gather import Gathered, OpenSight, OwnSight, gather
+from aoprecalc.visibility.projection import auto_shadow_size
+from aoprecalc.visibility.setup import Side, Site, Subject, portion, runs
+
+_DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
+
+
+@dataclass(frozen=True, eq=False)
+class BakeResult:
+    """Where a bake's files are, what it made, and its report (see the README for the report's keys)."""
+
+    texture_path: Path
+    mesh_path: Path
+    baked: Baked
+    report: dict[str, Any]
+
+
+def bake(
+    mesh: str | PathLike[str],
+    output: str | PathLike[str] | None = None,
+    *,
+    mesh_output: str | PathLike[str] | None = None,
+    report: str | PathLike[str] | None = None,
+    stem: str | None = None,
+    verify: bool = False,
+    outputs: Outputs | None = None,
+    open_sight: OpenSight = OwnSight,
+    options: BakeOptions | None = None,
+    progress: Progress | None = None,
+) -> BakeResult:
+    """Bake the ambient occlusion of a mesh file into a texture file.
+
+    output        the texture, or a folder (existing, or ending in /); by default <stem>_ao.png in the current folder
+    mesh_output   the mesh with the texture's UVs; by default <stem>_ao.<ext> beside the texture
+    report        a JSON file for the report
+    stem          what default names begin with; None: the mesh's
+    verify        measure the texture that was written against ray tracing, for the report
+    outputs       receives the files, which the caller then moves to their places; None: they appear at the end
+    open_sight    what makes that which sees; by default it looks by itself
+    Either all files appear, or none and InputError, UsageError, RendererError or OutputError is raised.
+    """
+    options, progress = options or BakeOptions(), progress or Progress()
+    mesh = Path(mesh)
+    stem = stem or mesh.stem
+    watch = Stopwatch(progress)
+    texture_path = output_place(output, f"{stem}_ao.png")
+    choose_depth(texture_path, options.bit_depth)
+    if verify:
+        occluders.require()
+    with Outputs() if outputs is None else nullcontext(outputs) as outputs:
+        outputs.protect([mesh])
+        claim(outputs, output, texture_path)
+        with watch.stage("load"):
+            scene = load_scene(mesh)
+        outputs.protect(source_files(scene))
+        folder = texture_path.parent
+        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{mesh_suffix(scene)[0]}")
+        check_mesh_suffix(mesh_path, options.pack)
+        claim(outputs, mesh_output, mesh_path)
+        report_path = None if report is None else output_place(report, f"{stem}_report.json")
+        if report_path is not None:
+            claim(outputs, report, report_path)
+        baked = bake_scene(scene, options, progress, watch, open_sight)
+        suffix, reason = mesh_suffix(baked.scene, baked.atlas)
+        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{suffix}")
+        check_mesh_suffix(mesh_path, options.pack)
+        with watch.stage("write"):
+            written = outputs.path(texture_path)
+            write_image(written, baked.texture.values, options.bit_depth)
+            notes = write_baked_mesh(
+                outputs, mesh_path, baked.scene, baked.atlas, baked.normals, texture_path, pack=options.pack
+            )
+        warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
+        verified = _verified(baked, read_image(written), options, progress, watch) if verify else None
+        if verify and any(part.shares is not None for part in baked.scene.parts):
+            warnings += about_sharing(baked.scene)
+        places = {"texture": texture_path, "mesh": mesh_path}
+        document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
+        if report_path is not None:
+            write_report(outputs.path(report_path), document)
+    for line in warnings:
+        progress.warn(line)
+    return BakeResult(texture_path, mesh_path, baked, document)
+
+
+def bake_scene(
+    scene: Scene,
+    options: BakeOptions,
+    progress: Progress | None = None,
+    watch: Stopwatch | None = None,
+    open_sight: OpenSight = OwnSight,
+) -> Baked:
+    """Bake a scene in memory; nothing is written.
+
+    open_sight   what makes that which sees; by default it looks by itself
+    Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
+    beyond the renderer or too small for the charts, where an unwrapper is asked for that is not installed and where no
+    texel faces any direction, RendererError where there is no renderer.
+    """
+    progress = progress or Progress()
+    watch = watch or Stopwatch(progress)
+    scene = assign_roles(scene, options, share=options.instances == "share")
+    normals = shading_normals(scene, options.normals, options.crease_angle)
+    with open_backend(options, progress) as backend:
+        backend.admit(options)
+        with watch.stage("unwrap"):
+            atlas = choose_atlas(backend.sampler, scene, options, progress)
+        progress.note(_describe(atlas, options.padding))
+        site = Site(backend, Subject(scene, atlas, normals, options))
+        texels = site.texels
+        size = f"{options.width} x {options.height}"
+        if not len(texels):
+            raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
+        overlap = site.overlap()
+        shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
+        most = portion(
+            options.memory_limit,
+            size,
+            options.width * options.height,
+            len(texels),
+            maps=8 * shadow_size**2,
+            triangles=len(site.sides[0].surface.occluders),
+        )
+        looks = sum(len(runs(len(side.texels), most)) for side in site.sides)
+        unit = "directions" if looks == len(site.sides) else f"directions, {looks} times to save memory"
+        with watch.stage("visibility", looks * 2 * len(site.axes), unit):
+            seen = [_gathered(site, side, open_sight, shadow_size, most, progress) for side in site.sides]
+        backend.check()
+    if not any(gathered.measured.any() for gathered in seen):
+        raise UsageError(
+            f"{len(texels)} texels are covered but face none of {2 * len(site.axes)} directions; use more --directions"
+        )
+    with watch.stage("finish"):
+        paintings = [paint(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
+        texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
+    baked = Baked(
+        scene=scene,
+        texture=texture,
+        atlas=atlas,
+        normals=normals,
+        directions=max(side.directions for side in seen),
+        error=max((side.error for side in seen if side.error is not None), default=None),
+        unseen=_unseen(seen, options.width * options.height),
+        backend=backend.kind,
+        renderer=backend.name,
+        shadow_size=shadow_size if backend.kind == "gl" else None,
+    )
+    return replace(baked, warnings=bake_warnings(baked, options, overlap))
+
+
+def _gathered(
+    site: Site, side: Side, open_sight: OpenSight, shadow_size: int, most: int, progress: Progress
+) -> Gathered:
+    sight = open_sight(site, side, shadow_size, most, progress)  # is gone before the next side's is made
+    return gather(site, side, sight, most)
+
+
+def _unseen(sides: list[Gathered], size: int) -> float:
+    """Return the share of the measured texels, of `size` in the picture, that no side sees light from."""
+    measured, lit = np.zeros(size, bool), np.zeros(size, bool)
+    for side in sides:
+        measured[side.texels.index[side.measured]] = True
+        lit[side.texels.index[side.measured & (side.values >= _DARK)]] = True
+    return float(1 - lit[measured].mean())
+
+
+def _verified(baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch) -> Verified:
+    """Measure the picture that a bake has written."""
+    asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
+    with watch.stage("verify", asked.points, "points"):
+        return verify_scene(baked.scene, baked.atlas, baked.normals, picture, asked, progress)
+
+
+def _describe(atlas: Atlas, padding: int) -> str:
+    charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
+    if atlas.method == "keep":
+        return f"unwrap: the file's own UVs, {charts}"
+    right = first_unsafe_mip(atlas.gutter or 0, padding) - 1
+    gutters = f"gutters of {atlas.gutter} texels: no charts mix up to mip level {right}"
+    return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"

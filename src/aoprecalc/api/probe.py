@@ -1,0 +1,85 @@
+"""Tries one renderer in a process of its own: `python -m aoprecalc.api.probe egl 0`, `osmesa`, `count` or `rays`.
+
+A broken driver may crash the process that tries it, or hang it; the parent goes on. The answer is one line of JSON on
+standard output:
+
+count     devices: the number of EGL devices
+others    renderer, vendor, version, software (it has no GPU), max_texture_size; for rays the first, third and fourth
+either    fault, and nothing else, where it does not work
+"""
+
+import faulthandler
+import json
+import sys
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from aoprecalc.gl.context import VERSION, Candidate, count_devices, make_context
+from aoprecalc.visibility.rays import Occluders, obstacle
+
+_LONGEST = 120  # seconds after which it ends itself, should the parent have died
+# What glcontext's reasons mean, the first that fits.
+_MEANINGS = {
+    "libEGL": "EGL is not installed",
+    "libGL": "libGL is not installed",
+    "found 0 devices": "EGL has no driver",
+    "eglInitialize": "its driver is missing or does not start",
+    "eglCreateContext": f"it has no OpenGL {VERSION[0]}.{VERSION[1]}",
+}
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader", "swr")  # in GL_RENDERER, in small letters
+
+
+def probe(request: list[str]) -> dict[str, Any]:
+    """Answer a request such as ["egl", "0"]."""
+    if request == ["rays"]:
+        return probe_rays()
+    try:
+        if request == ["count"]:
+            return {"devices": count_devices()}
+        return _describe(Candidate(request[0], int(request[1]) if len(request) > 1 else None))
+    except Exception as error:  # glcontext raises bare Exception for all its reasons
+        return {"fault": explain(" ".join(str(error).split()))}
+
+
+def explain(reason: str) -> str:
+    """Put what a reason means before it, where that is known."""
+    meaning = next((meaning for word, meaning in _MEANINGS.items() if word in reason), None)
+    return f"{meaning} ({reason})" if meaning else reason
+
+
+def is_software(renderer: str) -> bool:
+    """Tell from its GL_RENDERER whether a renderer runs on the processor."""
+    return any(name in renderer.lower() for name in _SOFTWARE)
+
+
+def _describe(candidate: Candidate) -> dict[str, Any]:
+    context = make_context(candidate)
+    info = context.info
+    context.release()
+    return {
+        "renderer": info["GL_RENDERER"],
+        "vendor": info["GL_VENDOR"],
+        "version": info["GL_VERSION"],
+        "software": is_software(info["GL_RENDERER"]),
+        "max_texture_size": info["GL_MAX_TEXTURE_SIZE"],
+    }
+
+
+def probe_rays() -> dict[str, Any]:
+    """Cast one ray at a triangle and one beside it."""
+    fault = obstacle()
+    if fault is not None:
+        return {"fault": fault}
+    triangle = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)]], np.float32)
+    origins = np.array([(0, 0, -1), (9, 0, -1)], np.float32)
+    hidden = Occluders(triangle, threads=1).hidden(origins, np.array([(0, 0, 1)], np.float32))
+    if hidden.tolist() != [True, False]:
+        return {"fault": "embreex does not find a triangle where there is one; install it again"}
+    return {"renderer": "Embree", "version": version("embreex"), "software": True}
+
+
+if __name__ == "__main__":
+    faulthandler.dump_traceback_later(_LONGEST, exit=True)
+    print(json.dumps(probe(sys.argv[1:])))

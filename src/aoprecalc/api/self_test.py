@@ -1,0 +1,107 @@
+"""What share of the light that reaches a point comes through an opening: a closed form to measure bakes against."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aoprecalc.api.bake import bake_scene
+from aoprecalc.errors import AoprecalcError
+from aoprecalc.mesh.normals import face_directions
+from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.options import Backend, BakeOptions
+from aoprecalc.texture_lookup import bilinear
+from aoprecalc.types import Doubles, Part, Scene
+
+
+def form_factor(places: Doubles, normals: Doubles, polygon: Doubles) -> Doubles:
+    """Return the form factor of a flat polygon from points of a surface, (k,) float64 in [0, 1].
+
+    It is the cosine-weighted share of the hemisphere that the polygon takes up: the ambient occlusion of a point that
+    sees nothing but black around it.
+
+    places    (k, 3) float64, none on the polygon's edges
+    normals   (k, 3) float64 unit normals of the surface; no corner may lie below the surface's plane
+    polygon   (c, 3) float64 corners, in order, clockwise seen from the points
+
+    Lambert's formula: the sum over the edges of the angle under which each is seen, times the cosine between the
+    surface's normal and that of the plane through the edge and the point, over 2 pi (J. H. Lambert, Photometria, 1760;
+    D. Baum, H. Rushmeier, J. Winget, Improving Radiosity Solutions Through the Use of Analytically Determined
+    Form-Factors, SIGGRAPH 1989). For a rectangle that is parallel or perpendicular to the surface it agrees with the
+    expressions in section B of J. R. Howell's Catalog of Radiation Heat Transfer Configuration Factors.
+    """
+    first = polygon - places[:, None]
+    second = np.roll(first, -1, axis=1)
+    across = np.cross(first, second)
+    length = np.linalg.norm(across, axis=2)
+    angle = np.arctan2(length, np.einsum("kcx,kcx->kc", first, second))
+    slope = np.einsum("kcx,kx->kc", across, normals) / np.where(length > 0, length, 1)
+    factors: Doubles = (angle * slope).sum(axis=1) / (2 * np.pi)
+    return factors
+
+
+# Bakes an open box and compares it with its closed form: `python -m aoprecalc.api.self_test`.
+#
+# A process of its own, as a broken driver may crash the one that uses it. The answer is one line of JSON on standard
+# output: what `trial` returns, or a fault where the bake fails.
+
+SIZE, DIRECTIONS, POINTS = 128, 1000, 2000
+# Root mean square. Maps and rays both leave 0.0034, most of which is the number of directions.
+MOST_ERROR = 0.01
+
+# Unequal, so that no two axes can be taken for each other. It stands on its floor and has no lid.
+_WIDTH, _DEPTH, _HEIGHT = 1.0, 0.8, 0.6
+
+
+def trial(backend: Backend = "auto") -> dict[str, Any]:
+    """Bake the inside of an open box, new UVs included, and measure it where a renderer would look it up.
+
+    Every point of it sees nothing but walls, and the light that comes through the opening.
+    Returns the backend and the renderer that were used, the RMS error, whether it is at most `allowed`, and seconds.
+    Raises what `bake_scene` raises.
+    """
+    scene, opening = open_box()
+    options = BakeOptions(SIZE, SIZE, directions=DIRECTIONS, normals="flat", backend=backend)
+    started = time.perf_counter()
+    baked = bake_scene(scene, options)
+    seconds = time.perf_counter() - started
+    points = spread_points(scene, baked.atlas.covers, POINTS, seed=0)
+    normals = face_directions(scene.corners)[0][points.faces]
+    expected = form_factor(points.at(scene.corners), normals, opening)
+    found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=baked.atlas.wraps)
+    error = float(np.sqrt(((found - expected) ** 2).mean()))
+    return {
+        "backend": baked.backend,
+        "renderer": baked.renderer,
+        "error": round(error, 6),
+        "allowed": MOST_ERROR,
+        "passed": error <= MOST_ERROR,
+        "seconds": round(seconds, 3),
+    }
+
+
+def open_box() -> tuple[Scene, Doubles]:
+    """Return a box without a lid whose faces look inwards, and its opening, (4, 3), clockwise seen from inside."""
+    corners = np.array([(0, 0), (_WIDTH, 0), (_WIDTH, _DEPTH), (0, _DEPTH)])
+    floor, opening = (np.column_stack([corners, np.full(4, height)]) for height in (0, _HEIGHT))
+    ring = np.arange(4)
+    ahead = np.roll(ring, -1)
+    quads = np.concatenate([ring[None], np.column_stack([ahead, ring, ring + 4, ahead + 4])])
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+    part = Part("open box", 0, len(faces), faces)
+    return Scene(Path("self-test"), "obj", np.concatenate([floor, opening]), faces, None, (), (part,)), opening
+
+
+def main() -> None:
+    """Answer."""
+    try:
+        answer = trial()
+    except AoprecalcError as error:
+        answer = {"fault": str(error)}
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""glTF and GLB: documents read, edited and written, with nothing lost that was not asked for."""

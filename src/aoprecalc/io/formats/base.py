@@ -1,0 +1,79 @@
+"""What becomes of a bake in a format that holds one set of UVs and one place for each part."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from aoprecalc.io.images import decode_pixels, read_pixels
+from aoprecalc.types import SWAPPED, Atlas, Doubles, Floats, Scene
+
+
+def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
+    """Return the atlas's UVs, (f, 3, 2), where parts that share a place have those of its owner.
+
+    They are (0, 0) on parts that do not receive.
+    """
+    uvs = np.where(scene.receives[:, None, None], atlas.uvs, 0.0)
+    for part in scene.parts:
+        if part.receives and part.shares is not None:
+            owner = scene.parts[part.shares]
+            mirrored = (part.vertices != owner.vertices).any(axis=1)
+            there = atlas.uvs[owner.faces]
+            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, SWAPPED], there)
+    return uvs
+
+
+def what_is_lost(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
+    """Return what the user should know of looks that are lost, and where the file's own UVs make room for others."""
+    kind = path.suffix.removeprefix(".").upper()
+    looks = [part.look for part in scene.parts]
+    lost: tuple[str, ...] = ()
+    if any(look.glass or look.cutout is not None for look in looks):
+        lost = (f"{path}: {kind} says nothing of glass and of holes, which the bake has heeded; a .glb would",)
+    if not scene.uv_sets or atlas.uv_set == 0:
+        return lost
+    return (
+        *lost,
+        f"{path}: {kind} holds one set of UVs; those of {scene.path.name} are replaced, a .glb would hold both",
+    )
+
+
+# What meshes say about the pictures that lie on them.
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that a mesh refers to.
+
+    name   what messages call it
+    path   its file; None where the mesh's own file holds it
+    data   its bytes in that case
+    """
+
+    name: str
+    path: Path | None = None
+    data: bytes = field(default=b"", repr=False, compare=False)
+
+    def pixels(self) -> Floats:
+        """Return its values as stored, (height, width, channels) float32; raises InputError where it is unreadable."""
+        return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
+
+    def read(self) -> Floats:
+        """Return its first channel, (height, width) float32; raises InputError where it is unreadable."""
+        return np.ascontiguousarray(self.pixels()[:, :, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Pictured:
+    """The ambient occlusion on one part of a scene, as its file has it.
+
+    picture   None where it names none
+    uvs       (n, 3, 2) float64 at the part's corners, v upwards, those that the picture is for, or else the file's
+              first; None where there are none
+    note      what the user should know about it
+    """
+
+    picture: Picture | None
+    uvs: Doubles | None
+    note: str = ""

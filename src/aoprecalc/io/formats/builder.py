@@ -1,0 +1,183 @@
+"""How all readers say that a file is damaged."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.errors import InputError
+from aoprecalc.mesh.normals import face_directions
+from aoprecalc.mesh.vertices import distinct_rows
+from aoprecalc.types import Doubles, Floats, Look, Part, Scene
+
+
+def damaged(path: Path, found: str) -> InputError:
+    """Return the error for a file in which `found` was found, which says what was expected as well."""
+    return InputError(f"{path}: {found}; the file is damaged, export it again")
+
+
+def check_indices(path: Path, indices: NDArray[Any], count: int) -> None:
+    """Raise InputError unless all vertices that faces refer to are among the `count` that there are."""
+    wrong = indices[(indices < 0) | (indices >= count)]
+    if wrong.size:
+        raise damaged(path, f"a face refers to vertex {wrong.flat[0]}, but there are {count} (counted from 0)")
+
+
+# From what a file's reader found to a Scene: the checks and repairs that are the same for every kind of file.
+
+# Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
+LARGEST_COORDINATE = 1e30
+LEAST_EXTENT = 1e-30  # products of areas below it would vanish
+
+# UVs beyond this have lost the digits that tell texels apart.
+LARGEST_UV = 1e5
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One piece of a file as its reader found it, not yet checked.
+
+    name       as in the file, or made up
+    positions  (n, 3) float64 in world placement; pieces may share one array
+    vertices   (f, 3) integers into positions, counter-clockwise seen from the front
+    normals    (f, 3, 3) at the corners, of any length, NaN where the file has none; None if it has none at all
+    uv_sets    each (f, 3, 2) at the corners, v upwards, NaN where the file has none
+    source     becomes Part.source
+    names      beside `name`, become Part.names
+    look       becomes Part.look
+    """
+
+    name: str
+    positions: Doubles
+    vertices: NDArray[np.int64]
+    normals: NDArray[Any] | None = None
+    uv_sets: tuple[NDArray[Any], ...] = ()
+    source: object = None
+    names: Collection[str | None] = ()
+    look: Look = field(default_factory=Look)
+
+
+def build_scene(
+    path: Path, kind: str, pieces: Sequence[Piece], document: object = None, warnings: Sequence[str] = ()
+) -> Scene:
+    """Check the pieces of a file, weld their equal positions and return them as a Scene.
+
+    Raises InputError if there are no faces, if none has area, if a face refers to a vertex that does not exist or if
+    a position that is used is not finite.
+    """
+    filled = [piece for piece in pieces if len(piece.vertices)]
+    if not filled:
+        points = sum(len(array) for array in {id(piece.positions): piece.positions for piece in pieces}.values())
+        found = f"{points} points but no faces" if points else "no faces"
+        raise InputError(f"{path}: {found} found, a surface of triangles was expected; export the model as a mesh")
+    for piece in filled:
+        check_indices(path, piece.vertices, len(piece.positions))
+
+    positions, faces = _weld(filled)
+    _check_positions(path, positions)
+    said = list(warnings)
+    face_normals, has_area = face_directions(positions[faces])
+    if not has_area.any():
+        raise InputError(
+            f"{path}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
+        )
+    if not has_area.all():
+        said.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
+
+    return Scene(
+        path=path,
+        kind=kind,
+        positions=positions,
+        faces=faces.astype(np.int32),
+        normals=_gather_normals(filled, face_normals, said),
+        uv_sets=_gather_uv_sets(filled, said),
+        parts=_parts(filled),
+        document=document,
+        warnings=tuple(said),
+    )
+
+
+def _weld(pieces: Sequence[Piece]) -> tuple[Doubles, NDArray[np.intp]]:
+    """Return (v, 3) distinct used positions and (f, 3) faces into them."""
+    used_positions, corners, offset = [], [], 0
+    for piece in pieces:
+        used, local = np.unique(piece.vertices, return_inverse=True)
+        used_positions.append(piece.positions[used])
+        corners.append(local.reshape(-1, 3) + offset)
+        offset += len(used)
+    positions = np.concatenate(used_positions)
+    first, which = distinct_rows(positions)
+    return positions[first] + 0.0, which[np.concatenate(corners)]  # + 0.0 turns -0.0 into 0.0
+
+
+def _check_positions(path: Path, positions: Doubles) -> None:
+    wrong = ~(np.abs(positions) <= LARGEST_COORDINATE).all(axis=1)
+    if not wrong.any():
+        extent = np.ptp(positions, axis=0).max()
+        if 0 < extent < LEAST_EXTENT:
+            raise InputError(
+                f"{path}: is {extent:g} units across, at least {LEAST_EXTENT:g} were expected; scale it up"
+            )
+        return
+    example = ", ".join(f"{number:g}" for number in positions[wrong][0])
+    raise InputError(
+        f"{path}: {np.count_nonzero(wrong)} of {len(positions)} positions are not finite numbers of a usable size, "
+        f"such as ({example}); repair or export the model again"
+    )
+
+
+def _gather_normals(pieces: Sequence[Piece], face_normals: Doubles, said: list[str]) -> Floats | None:
+    """Return unit normals for all corners; None where the file has not enough of them."""
+    with_normals = [piece.normals for piece in pieces if piece.normals is not None]
+    if not with_normals:
+        return None
+    if len(with_normals) < len(pieces):
+        missing = len(pieces) - len(with_normals)
+        said.append(f"{missing} of {len(pieces)} parts have no normals; those of the others are not used")
+        return None
+
+    normals = np.concatenate(with_normals).astype(np.float64)
+    largest = np.abs(normals).max(axis=2, keepdims=True)
+    usable = np.asarray((np.isfinite(largest) & (largest > 0))[:, :, 0])
+    if not usable.any():
+        said.append("all normals of the file are zero or not finite and are not used")
+        return None
+    if not usable.all():
+        said.append(
+            f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
+            "the normal of their face is used there"
+        )
+        normals = np.where(usable[:, :, None], normals, face_normals[:, None])
+        largest = np.abs(normals).max(axis=2, keepdims=True)
+    normals = normals / largest  # so that neither tiny nor huge normals are lost when squared
+    return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
+
+
+def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Doubles, ...]:
+    """Return every set of UVs for all corners, (0, 0) where the file has none."""
+    sets = []
+    for number in range(max(len(piece.uv_sets) for piece in pieces)):
+        has_set = np.repeat(
+            [number < len(piece.uv_sets) for piece in pieces], [len(piece.vertices) for piece in pieces]
+        )
+        uvs = np.full((len(has_set), 3, 2), np.nan)
+        uvs[has_set] = np.concatenate([piece.uv_sets[number] for piece in pieces if number < len(piece.uv_sets)])
+        usable = np.asarray((np.abs(uvs) <= LARGEST_UV).all(axis=2))  # NaN is not, either
+        lacking = np.count_nonzero(has_set & ~usable.all(axis=1))
+        if lacking and number == 0:
+            said.append(f"{lacking} of {len(uvs)} faces lack usable UVs")
+        sets.append(np.where(usable[:, :, None], uvs, 0.0))
+    return tuple(sets)
+
+
+def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
+    parts, start = [], 0
+    for piece in pieces:
+        stop = start + len(piece.vertices)
+        names = frozenset(name for name in piece.names if name)
+        parts.append(Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source, names, piece.look))
+        start = stop
+    return tuple(parts)

@@ -1,0 +1,165 @@
+"""The textures of a glTF document that was read: their pictures, and how they lie on a surface."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.errors import InputError
+from aoprecalc.io.formats.base import Picture
+from aoprecalc.io.formats.builder import check_indices, damaged
+from aoprecalc.io.formats.gltf.accessors import doubles, view_bytes
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, local_file
+from aoprecalc.types import SWAPPED, Cutout, Doubles, Floats, Look, Wrap
+
+TRANSFORM = "KHR_texture_transform"
+
+_WRAPS: dict[int, Wrap] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
+
+
+@dataclass(frozen=True, eq=False)
+class TextureUse:
+    """How a material uses a texture (a textureInfo).
+
+    index      of the texture
+    uv_set     the n of the TEXCOORD_n that it is for
+    scale      (2,), and then
+    rotation   radians, counter-clockwise as seen with v downwards, and then
+    offset     (2,) are applied to the UVs first
+    """
+
+    index: int
+    uv_set: int
+    scale: tuple[float, float] = (1.0, 1.0)
+    rotation: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, info: Json) -> "TextureUse":
+        """Read a textureInfo, with its transform if it has one, whose texCoord counts more than the outer one."""
+        transform: Json = info.get("extensions", {}).get(TRANSFORM, {})
+        uv_set: int = transform["texCoord"] if "texCoord" in transform else info.get("texCoord", 0)
+        return cls(
+            info["index"],
+            uv_set,
+            tuple(transform.get("scale", (1.0, 1.0))),
+            transform.get("rotation", 0.0),
+            tuple(transform.get("offset", (0.0, 0.0))),
+        )
+
+    def places(self, uvs: Doubles) -> Doubles:
+        """Return where (..., 2) UVs, v downwards as in the file, lie in the texture, v upwards."""
+        cos, sin = np.cos(self.rotation), np.sin(self.rotation)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        moved: Doubles = uvs * self.scale @ turn.T + self.offset
+        return moved * (1, -1) + (0, 1)
+
+
+def texture_picture(document: GltfDocument, index: int) -> Picture:
+    """Return the picture of texture `index`; raises InputError where there is none, KeyError in a damaged document."""
+    texture = document.entry("textures", index)
+    # Formats that glTF itself does not know have their image in an extension.
+    others = [entry["source"] for entry in texture.get("extensions", {}).values() if "source" in entry]
+    if "source" not in texture and not others:
+        raise damaged(document.path, f"texture {index} has no picture (no source), one was expected")
+    number = texture["source"] if "source" in texture else others[0]
+    image = document.entry("images", number)
+    name = f"image {number} of {document.path}"
+    if "bufferView" in image:
+        return Picture(name, data=view_bytes(document, image["bufferView"]))
+    if image["uri"].startswith("data:"):
+        return Picture(name, data=data_uri(document.path, image["uri"]))
+    file = local_file(document.path, image["uri"])
+    return Picture(name) if file is None else Picture(str(file), file)
+
+
+def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
+    """Return what texture `index` does beyond [0, 1] along u and v."""
+    texture = document.entry("textures", index)
+    sampler = document.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
+    return _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
+
+
+# What light does at the primitives of a glTF document, as their materials say.
+
+TRANSMISSION, UNLIT = "KHR_materials_transmission", "KHR_materials_unlit"
+
+_OPAQUE: Floats = np.ones((1, 1), np.float32)
+
+
+class Looks:
+    """The looks of a document's primitives; every picture is read once.
+
+    warnings   what the user should know: the pictures that are missing
+    """
+
+    def __init__(self, document: GltfDocument) -> None:
+        """Read nothing yet."""
+        self._document = document
+        self._alphas: dict[Picture, Floats] = {}
+        self.warnings: list[str] = []
+
+    def name(self, primitive: Json) -> str | None:
+        """Return the name of a primitive's material."""
+        name: str | None = self._material(primitive).get("name")
+        return name
+
+    def look(self, primitive: Json, vertices: NDArray[np.int64]) -> Look:
+        """Return the look of a primitive whose triangles are the (f, 3) vertices."""
+        material = self._material(primitive)
+        extensions, mode = material.get("extensions", {}), material.get("alphaMode", "OPAQUE")
+        return Look(
+            glass=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
+            unlit=UNLIT in extensions,
+            leafy=mode == "MASK" and bool(material.get("doubleSided")),
+            cutout=self._cutout(primitive, material, vertices) if mode == "MASK" else None,
+        )
+
+    def _material(self, primitive: Json) -> Json:
+        return self._document.entry("materials", primitive["material"]) if "material" in primitive else {}
+
+    def _cutout(self, primitive: Json, material: Json, vertices: NDArray[np.int64]) -> Cutout:
+        """Return the holes of a material: where picture, factor and vertex colour together are below the cutoff."""
+        attributes, color = primitive["attributes"], material.get("pbrMetallicRoughness", {})
+        factors = np.full(vertices.shape, color.get("baseColorFactor", (1, 1, 1, 1))[3], np.float64)
+        if "COLOR_0" in attributes:
+            colors = self._corners(attributes["COLOR_0"], vertices)
+            factors *= colors[:, :, 3] if colors.shape[2] == 4 else 1.0
+        cutoff = float(material.get("alphaCutoff", 0.5))
+        solid = Cutout(_OPAQUE, np.zeros((*vertices.shape, 2)), factors, cutoff)
+        if "baseColorTexture" not in color:
+            return solid
+        use = TextureUse.of(color["baseColorTexture"])
+        if f"TEXCOORD_{use.uv_set}" not in attributes:
+            return solid
+        uvs = use.places(self._corners(attributes[f"TEXCOORD_{use.uv_set}"], vertices))
+        wraps = texture_wraps(self._document, use.index)
+        return Cutout(self._alpha(use.index), uvs, factors, cutoff, wraps)
+
+    def _corners(self, accessor: int, vertices: NDArray[np.int64]) -> Doubles:
+        values = doubles(self._document, accessor)
+        check_indices(self._document.path, vertices, len(values))
+        return values[vertices]
+
+    def _alpha(self, texture: int) -> Floats:
+        """Return the alpha of a texture's picture; 1 where it has none."""
+        try:
+            picture = texture_picture(self._document, texture)
+            if picture not in self._alphas:
+                pixels = picture.pixels()
+                has_alpha = pixels.shape[2] in (2, 4)
+                self._alphas[picture] = np.ascontiguousarray(pixels[:, :, -1]) if has_alpha else _OPAQUE
+            return self._alphas[picture]
+        except InputError as error:
+            warning = f"holes are not known and left out: {error}"
+            if warning not in self.warnings:
+                self.warnings.append(warning)
+            return _OPAQUE
+
+
+def mirrored_look(look: Look) -> Look:
+    """Return a look whose corners 1 and 2 are exchanged."""
+    if look.cutout is None:
+        return look
+    cutout = replace(look.cutout, uvs=look.cutout.uvs[:, SWAPPED], factors=look.cutout.factors[:, SWAPPED])
+    return replace(look, cutout=cutout)

@@ -1,0 +1,297 @@
+"""Where the nodes of a glTF document's scene stand in the world."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import count, takewhile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.io.formats.builder import Piece, build_scene, check_indices, damaged
+from aoprecalc.io.formats.gltf.accessors import doubles, numbers
+from aoprecalc.io.formats.gltf.compression import decompressed
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, parse_gltf
+from aoprecalc.io.formats.gltf.materials import Looks, mirrored_look
+from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
+from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
+from aoprecalc.mesh.normals import face_directions
+from aoprecalc.types import SWAPPED, Doubles, Look, Part, Scene
+
+INSTANCING = "EXT_mesh_gpu_instancing"
+_PLACES = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedNode:
+    """A node of the scene that is shown.
+
+    matrix   (4, 4) float64, local to world
+    names    its own and those of the nodes above it
+    """
+
+    matrix: Doubles
+    names: frozenset[str]
+
+
+def placed_nodes(document: GltfDocument) -> dict[int, PlacedNode]:
+    """Return each node of the scene that is shown by its number, parents first.
+
+    Raises InputError where the nodes do not form trees.
+    """
+    waiting = [(root, PlacedNode(np.eye(4), frozenset())) for root in reversed(_roots(document))]
+    placed: dict[int, PlacedNode] = {}
+    while waiting:
+        index, parent = waiting.pop()
+        if index in placed:
+            raise damaged(document.path, f"node {index} is reached twice, a tree of nodes was expected")
+        node = document.entry("nodes", index)
+        names = parent.names | ({node["name"]} if node.get("name") else set())
+        placed[index] = PlacedNode(parent.matrix @ _local_matrix(node), names)
+        waiting.extend((child, placed[index]) for child in reversed(node.get("children", [])))
+    return placed
+
+
+def instance_matrices(document: GltfDocument, node: Json) -> Doubles | None:
+    """Return where a node repeats its mesh, (n, 4, 4) float64 in its own space; None where it shows it once.
+
+    (EXT_mesh_gpu_instancing: any of TRANSLATION, ROTATION and SCALE, one row for each repetition.)
+    """
+    attributes = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
+    given = {name: doubles(document, index) for name, index in attributes.items() if name in _PLACES}
+    if not given:
+        return None
+    counts = {name: len(rows) for name, rows in given.items()}
+    if len(set(counts.values())) > 1:
+        raise damaged(document.path, f"{INSTANCING} has rows of different numbers: {counts}")
+    rows = zip(*given.values(), strict=True)
+    return np.array([_local_matrix(dict(zip((_PLACES[name] for name in given), row, strict=True))) for row in rows])
+
+
+def _roots(document: GltfDocument) -> list[int]:
+    if document.json.get("scenes"):
+        roots: list[int] = document.entry("scenes", document.json.get("scene", 0)).get("nodes", [])
+        return roots
+    nodes: list[Json] = document.json.get("nodes", [])
+    children = {child for node in nodes for child in node.get("children", [])}
+    return [index for index in range(len(nodes)) if index not in children]
+
+
+def _local_matrix(node: Json) -> Doubles:
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    matrix = np.eye(4)
+    matrix[:3, :3] = _rotation(node.get("rotation", (0, 0, 0, 1))) * np.array(node.get("scale", (1, 1, 1)), np.float64)
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def _rotation(quaternion: Any) -> Doubles:
+    x, y, z, w = np.array(quaternion, dtype=np.float64) / (np.linalg.norm(quaternion) or 1.0)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+# Reads glTF 2.0: every triangle primitive of every node of the scene, placed in the world, in its rest pose.
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+
+
+@dataclass(frozen=True, eq=False)
+class GltfSource:
+    """Where a part came from and how it was placed.
+
+    node, mesh, primitive   numbers in the document
+    linear                  (3, 3) local-to-world of directions, or (n, 3, 3) for each vertex of a skinned mesh
+    """
+
+    node: int
+    mesh: int
+    primitive: int
+    linear: Doubles
+
+    @property
+    def mirrored(self) -> bool:
+        """The placement turns right into left, so the corners 1 and 2 of its faces were exchanged."""
+        return bool(np.linalg.det(self.linear.reshape(-1, 3, 3)[:1])[0] < 0)
+
+
+def read_gltf(path: Path, data: bytes) -> Scene:
+    """Read a glTF or GLB file of the given bytes.
+
+    Skinned and morphed meshes stand as their joints and weights do in the file, points and lines are left out.
+
+    Raises InputError where it is damaged, compressed in a way for which a package is missing, or has no usable faces.
+    """
+    document = decompressed(parse_gltf(path, data))
+    check_references(path, document.json)
+    nodes = placed_nodes(document)
+    looks = Looks(document)
+    pieces: list[Piece] = []
+    others = 0
+    for number, placed in nodes.items():
+        node = document.entry("nodes", number)
+        if "mesh" not in node:
+            continue
+        mesh = document.entry("meshes", node["mesh"])
+        name = node.get("name") or mesh.get("name") or f"mesh {node['mesh']}"
+        for index, primitive in enumerate(mesh["primitives"]):
+            if primitive.get("mode", TRIANGLES) not in (TRIANGLES, STRIP, FAN):
+                others += 1
+            elif "POSITION" in primitive["attributes"]:
+                shape = _shape(document, node, mesh, primitive)
+                own_name = f"{name}.{index}" if len(mesh["primitives"]) > 1 else name
+                names = {own_name, mesh.get("name"), looks.name(primitive), *placed.names}
+                look = looks.look(primitive, shape.vertices)
+                for placement in _placements(document, node, primitive, nodes, number):
+                    source = GltfSource(number, node["mesh"], index, placement[..., :3, :3])
+                    pieces.append(_piece(document, own_name, names, shape, placement, source, look))
+    warnings = [f"{others} primitives of points or lines are left as they are"] if others else []
+    warnings += [*looks.warnings, *_warnings(document.json)]
+    scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
+    return replace(scene, parts=_instances(scene.parts))
+
+
+def _warnings(json: Json) -> Iterator[str]:
+    """Yield what the user should know about what is not read."""
+    scenes = json.get("scenes", [])
+    if len(scenes) > 1:
+        shown = json.get("scene", 0)
+        yield f"{len(scenes)} scenes are there; the one that the file shows (number {shown}, from 0) is baked"
+    if unknown := unknown_extensions(json.get("extensionsRequired", [])):
+        yield f"the file requires {', '.join(unknown)}, which is not known here; what it changes is not seen"
+
+
+def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    """Tell those parts that show a primitive again which part showed it first, and which within the same node."""
+    first: dict[tuple[int, ...], int] = {}
+    result = []
+    for number, part in enumerate(parts):
+        source = part.source
+        assert isinstance(source, GltfSource)
+        anywhere = first.setdefault((source.mesh, source.primitive), number)
+        here = first.setdefault((source.mesh, source.primitive, source.node), number)
+        earlier = [None if other == number else other for other in (anywhere, here)]
+        result.append(replace(part, instance_of=earlier[0], repeats=earlier[1]))
+    return tuple(result)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """A primitive in its own space: its vertices' places and normals (n, 3), UV sets (n, 2), and (f, 3) triangles."""
+
+    positions: Doubles
+    normals: Doubles | None
+    uv_sets: tuple[Doubles, ...]
+    vertices: NDArray[np.int64]
+
+
+def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _Shape:
+    """Return a primitive with its morph targets applied as far as the file's own weights ask for."""
+    attributes = primitive["attributes"]
+    weights: list[float] = node["weights"] if "weights" in node else mesh.get("weights", [])
+    positions = _morphed(document, primitive, "POSITION", weights)
+    normals = _morphed(document, primitive, "NORMAL", weights) if "NORMAL" in attributes else None
+    names = (f"TEXCOORD_{number}" for number in count())
+    sets = takewhile(lambda name: name in attributes, names)
+    uv_sets = tuple(doubles(document, attributes[name]) * (1, -1) + (0, 1) for name in sets)
+    vertices = _triangles(document, primitive, len(positions))
+    for values in (positions, *uv_sets, *(() if normals is None else (normals,))):
+        check_indices(document.path, vertices, len(values))
+    return _Shape(positions, normals, uv_sets, vertices)
+
+
+def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Doubles:
+    """Return an attribute plus its morph targets' differences times their weights."""
+    values = doubles(document, primitive["attributes"][name])
+    for target, weight in zip(primitive.get("targets", []), weights, strict=False):
+        if weight and name in target:
+            difference = doubles(document, target[name])
+            if len(difference) != len(values):
+                raise damaged(
+                    document.path, f"a morph target has {len(difference)} vertices, {len(values)} were expected"
+                )
+            values = values + weight * difference
+    return values
+
+
+def _piece(
+    document: GltfDocument,
+    name: str,
+    names: set[str | None],
+    shape: _Shape,
+    placement: Doubles,
+    source: GltfSource,
+    look: Look,
+) -> Piece:
+    """Return a primitive placed by a (4, 4) or (n, 4, 4) matrix."""
+    linear, vertices = source.linear, shape.vertices
+    positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
+    if source.mirrored:
+        vertices, look = vertices[:, SWAPPED], mirrored_look(look)
+    if shape.normals is None:  # then they are those of the faces, says the specification
+        normals = np.repeat(face_directions(positions[vertices])[0][:, None], 3, axis=1)
+    else:
+        turned = np.einsum("...ij,...j->...i", _cofactors(linear), shape.normals)
+        normals = (-turned if source.mirrored else turned)[vertices]
+    uv_sets = tuple(values[vertices] for values in shape.uv_sets)
+    return Piece(name, positions, vertices, normals, uv_sets, source, names, look)
+
+
+def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[np.int64]:
+    """Return the (f, 3) vertices of a primitive's triangles."""
+    indices = np.arange(count)
+    if "indices" in primitive:
+        indices = numbers(document, primitive["indices"])[:, 0].astype(np.int64)
+    mode = primitive.get("mode", TRIANGLES)
+    if mode == STRIP:
+        return strip_triangles(indices)
+    if mode == FAN:
+        return fan_triangles(indices)
+    return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+
+
+def _placements(
+    document: GltfDocument, node: Json, primitive: Json, nodes: dict[int, PlacedNode], number: int
+) -> Iterator[Doubles]:
+    """Yield the (4, 4) local-to-world matrices of a primitive, or (n, 4, 4) for the vertices of a skinned one."""
+    attributes, matrix = primitive["attributes"], nodes[number].matrix
+    if "skin" in node and "JOINTS_0" in attributes and "WEIGHTS_0" in attributes:
+        yield _skinned(document, node, attributes, matrix, nodes)
+        return
+    repeated = instance_matrices(document, node)
+    yield from [matrix] if repeated is None else matrix @ repeated
+
+
+def _skinned(
+    document: GltfDocument, node: Json, attributes: Json, matrix: Doubles, nodes: dict[int, PlacedNode]
+) -> Doubles:
+    """Return the (n, 4, 4) matrices by which a skin places the vertices of a primitive."""
+    skin = document.entry("skins", node["skin"])
+    if any(joint not in nodes for joint in skin["joints"]):
+        raise damaged(document.path, f"skin {node['skin']} has joints outside the scene")
+    joints = np.stack([nodes[joint].matrix for joint in skin["joints"]])
+    if "inverseBindMatrices" in skin:
+        inverse = doubles(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+        joints = joints @ inverse[: len(joints)]
+
+    sets = [number for number in range(len(attributes)) if f"JOINTS_{number}" in attributes]
+    chosen = np.hstack([numbers(document, attributes[f"JOINTS_{number}"]) for number in sets]).astype(np.int64)
+    weights = np.hstack([doubles(document, attributes[f"WEIGHTS_{number}"]) for number in sets])
+    if chosen.size and chosen.max() >= len(joints):
+        raise damaged(document.path, f"a vertex refers to joint {chosen.max()}, but there are {len(joints)}")
+    total = weights.sum(axis=1, keepdims=True)
+    blended = np.einsum("nj,njab->nab", weights / np.where(total > 0, total, 1), joints[chosen])
+    return np.where(total[:, :, None] > 0, blended, matrix)
+
+
+def _cofactors(linear: Doubles) -> Doubles:
+    """Return the (..., 3, 3) matrices that carry normals along, up to length; they exist for flat placements too."""
+    a, b, c = linear[..., 0, :], linear[..., 1, :], linear[..., 2, :]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)

@@ -1,0 +1,170 @@
+"""Makes a glTF document for a scene that came from another kind of file."""
+
+import json
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from aoprecalc.io.formats.gltf.accessors import GltfBuffer
+from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
+from aoprecalc.io.formats.gltf.edit import edit_document
+from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, carry_images
+from aoprecalc.io.formats.gltf.occlusion_textures import (
+    OrmPicture,
+    occlude,
+    orm_pictures,
+    own_materials,
+    replaced_references,
+    texture_reference,
+)
+from aoprecalc.io.formats.gltf.references import close_gaps, release
+from aoprecalc.io.formats.obj.materials import Material
+from aoprecalc.io.formats.obj.reader import ObjDocument
+from aoprecalc.io.formats.obj.writer import Use, material_names, material_use
+from aoprecalc.io.images import read_image
+from aoprecalc.io.outputs import Outputs, relative_uri
+from aoprecalc.mesh.vertices import split_corners
+from aoprecalc.options import Pack
+from aoprecalc.types import Atlas, Doubles, Floats, Part, Scene
+
+
+def fresh_document(scene: Scene, atlas: Atlas, normals: Floats) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
+    """Return (json, buffer, sets) for a scene: a node and a mesh for each name and material among its parts.
+
+    Positions are rounded to float32. Materials of an OBJ keep their diffuse colour and texture, the image of which has
+    a URI that counts from the scene's folder. UVs that the file has are kept: before new ones where a texture lies on
+    them, else after these, since plain viewers know only the first set. Parts that do not receive have the file's UVs
+    and normals alone. `sets` tells for each (mesh, primitive) that receives which TEXCOORD_n is the atlas's.
+    """
+    json: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0, "scenes": [{"nodes": []}]}
+    json |= {"nodes": [], "meshes": [], "materials": []}
+    buffer = GltfBuffer(json)
+    known = scene.document.materials if isinstance(scene.document, ObjDocument) else {}
+    names = material_names(scene.parts, known)
+    materials: dict[Use, int] = {}
+    sets = {}
+    for (name, use), parts in _groups(scene).items():
+        material = known.get(use[0] or "", Material(""))
+        if use not in materials:
+            materials[use] = len(json["materials"])
+            json["materials"].append(_material(json, names[use], material, scene))
+
+        own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set is None else []
+        uv_sets = [*own, *new] if material.picture else [*new, *own]
+        primitive = _primitive(buffer, scene, parts, normals if use[1] else scene.normals, uv_sets)
+        if use[1]:
+            sets[len(json["meshes"]), 0] = len(own) if new and material.picture else 0
+        json["scenes"][0]["nodes"].append(len(json["nodes"]))
+        json["nodes"].append({"name": _clean(name), "mesh": len(json["meshes"])})
+        json["meshes"].append({"name": _clean(name), "primitives": [primitive | {"material": materials[use]}]})
+    return json, buffer, sets
+
+
+def show_texture(json: Json, sets: dict[tuple[int, int], int], texture: int) -> None:
+    """Make the baked texture the base colour as well, where a material has none: plain viewers show only that."""
+    for (mesh, index), number in sets.items():
+        material = json["materials"][json["meshes"][mesh]["primitives"][index]["material"]]
+        material["pbrMetallicRoughness"].setdefault("baseColorTexture", texture_reference(texture, number))
+
+
+def _groups(scene: Scene) -> dict[tuple[str, Use], list[Part]]:
+    groups: dict[tuple[str, Use], list[Part]] = {}
+    for part in scene.parts:
+        groups.setdefault((part.name, material_use(part)), []).append(part)
+    return groups
+
+
+def _primitive(
+    buffer: GltfBuffer, scene: Scene, parts: Sequence[Part], normals: Floats | None, uv_sets: Sequence[Doubles]
+) -> Json:
+    """Return a primitive of the faces of some parts, with these values at the corners of all faces."""
+    faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    values = {} if normals is None else {"NORMAL": normals[faces]}
+    values |= {f"TEXCOORD_{number}": _upside_down(uvs[faces]) for number, uvs in enumerate(uv_sets)}
+    split = split_corners(scene.faces[faces], *values.values())
+    positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]]
+    attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
+    for name, array in values.items():
+        attributes[name] = buffer.add_floats(array.reshape(-1, array.shape[2])[split.corner])
+    return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
+
+
+def _material(json: Json, name: str, material: Material, scene: Scene) -> Json:
+    color: Json = {"baseColorFactor": [*material.color, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    if material.picture is not None and scene.uvs is not None:
+        images, textures = json.setdefault("images", []), json.setdefault("textures", [])
+        images.append({"uri": relative_uri(material.picture, scene.path)})
+        textures.append({"source": len(images) - 1})
+        color["baseColorTexture"] = {"index": len(textures) - 1}
+    return {"name": _clean(name), "pbrMetallicRoughness": color}
+
+
+def _upside_down(uvs: Doubles) -> Floats:
+    return np.stack([uvs[:, :, 0], 1.0 - uvs[:, :, 1]], axis=2).astype(np.float32)
+
+
+def _clean(name: str) -> str:
+    """Return a name whose bytes were no UTF-8 with the replacement character in their place."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+# Writes glTF 2.0, as .gltf with its buffer beside it or as one .glb.
+
+
+def write_gltf(
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
+) -> tuple[str, ...]:
+    """Write a .gltf or .glb with the texture as occlusion texture; return what the user should know.
+
+    The document of a glTF source is kept but for that. Any other source gets a fresh one, in which the texture is
+    the base colour too where a material has no picture of its own.
+    """
+    is_fresh = not isinstance(scene.document, GltfDocument)
+    said: tuple[str, ...] = ()
+    if isinstance(scene.document, GltfDocument):
+        document, buffer, sets, said = edit_document(scene.document, scene, atlas, normals)
+    else:
+        document, buffer, sets = fresh_document(scene, atlas, normals)
+    materials, about_materials = own_materials(document, sets)
+    packed: dict[int, OrmPicture] = {}
+    about_packing: tuple[str, ...] = ()
+    if pack == "orm":
+        so_far = GltfDocument(scene.path, document, (buffer.data,))
+        packed, about_packing = orm_pictures(so_far, materials, atlas, read_image(outputs.written(texture)))
+
+    release(document, buffer, replaced_references(document, materials, packed))
+    about_images = carry_images(outputs, path, document, buffer, scene.path)
+    textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
+    about_texture: tuple[str, ...] = ()
+    if len(textures) < len(materials):
+        number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.wraps)
+        textures = dict.fromkeys(materials, number) | textures
+        if is_fresh:
+            show_texture(document, sets, number)
+    occlude(document, materials, textures, packed)
+    close_gaps(document)
+    _write(outputs, path, document, buffer.data)
+    return (*said, *about_materials, *about_packing, *about_images, *about_texture)
+
+
+def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
+    document["buffers"] = [{"byteLength": len(data)}]
+    if path.suffix.lower() == ".glb":
+        text = json.dumps(document, separators=(",", ":")).encode()
+        outputs.path(path).write_bytes(glb(text, data))
+        return
+    binary = path.with_suffix(".bin")
+    document["buffers"][0] = {"uri": binary.name, **document["buffers"][0]}
+    outputs.path(binary).write_bytes(data)
+    outputs.path(path).write_bytes(json.dumps(document, indent=1).encode() + b"\n")
+
+
+def glb(text: bytes, data: bytes) -> bytes:
+    """Lay out a GLB: the document's text, then its binary chunk, where that holds anything."""
+    chunks = b""
+    for kind, content, filler in ((JSON_CHUNK, text, b" "), (BIN_CHUNK, data, b"\0")):
+        padded = content + filler * (-len(content) % 4)
+        chunks += struct.pack("<II", len(padded), kind) + padded
+    return MAGIC + struct.pack("<II", 2, 12 + len(chunks)) + chunks

@@ -1,0 +1,242 @@
+"""Reads Wavefront OBJ: every group and material, polygons, UVs and normals on the corners, as they are in the file.
+
+trimesh's reader is not used for this format: it regroups the faces by material, counts relative indices from the
+end of the file, takes index 0 for the first vertex, and drops all UVs where one face has none.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.io.formats.builder import Piece, build_scene, damaged
+from aoprecalc.io.formats.obj.materials import Material, material_files, read_materials
+from aoprecalc.io.formats.polygons import Polygons, polygon_triangles
+from aoprecalc.types import Doubles, Ints, Scene
+
+_LIBRARY = re.compile(rb"(?:^|[\r\n])[ \t]*mtllib[ \t]+([^\r\n]+)")
+
+
+@dataclass(frozen=True)
+class Section:
+    """What an OBJ says about the faces that follow: `o`, `g` and `usemtl`, None where it said nothing."""
+
+    object: str | None = None
+    group: str | None = None
+    material: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The most telling of the three names."""
+        return self.group or self.object or self.material or "mesh"
+
+
+@dataclass(frozen=True, eq=False)
+class ObjDocument:
+    """An OBJ as its writer needs it again.
+
+    text           all its lines, continued ones joined
+    corners        (c, 3) int32: which v, vt and vn each corner of each `f` line has, counted from 0, -1 for none
+    polygons       one for each `f` line; its corners are those
+    whole_normals  every corner has a normal of some length
+    materials      by name
+    libraries      the MTL files that they were looked for in
+    """
+
+    text: str
+    corners: Ints
+    polygons: Polygons
+    whole_normals: bool
+    materials: dict[str, Material]
+    libraries: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """The lines of an OBJ by what they define, without their keyword.
+
+    faces     as text, and for each how many v, vt and vn stood above it, which relative indices count from
+    sections  (section, number of the first face under it)
+    """
+
+    v: list[str]
+    vt: list[str]
+    vn: list[str]
+    faces: list[str]
+    above: list[tuple[int, int, int]]
+    sections: list[tuple[Section, int]]
+    libraries: list[str]
+
+
+def read_obj(path: Path, data: bytes) -> Scene:
+    """Read an OBJ file of the given bytes, with the MTL files it names where they lie beside it.
+
+    Raises InputError where it cannot be understood or has no usable faces.
+    """
+    text = _join_lines(data.decode("utf-8-sig", "surrogateescape"))
+    lines = _sort_lines(text)
+    positions = _numbers(path, "vertex (v)", lines.v, 3, 3)
+    uvs = _numbers(path, "texture coordinate (vt)", lines.vt, 1, 2)
+    normals = _numbers(path, "normal (vn)", lines.vn, 3, 3)
+    counts, corners = _corners(path, lines, (len(positions), len(uvs), len(normals)))
+    triangles, owners = polygon_triangles(counts, corners[:, 0], positions)
+    polygons = Polygons(counts, triangles, owners)
+    warnings = []
+    if too_small := int(np.count_nonzero(counts < 3)):
+        warnings.append(f"{too_small} faces of fewer than 3 corners are skipped")
+
+    pieces = []
+    for section, start, stop in _runs(lines.sections, len(counts)):
+        first, last = np.searchsorted(owners, [start, stop])
+        position, uv, normal = np.moveaxis(corners[triangles[first:last]], 2, 0)
+        at_corners = _look_up(uvs, uv)
+        uv_sets = () if at_corners is None else (at_corners,)
+        names = (section.object, section.group, section.material)
+        pieces.append(Piece(section.name, positions, position, _look_up(normals, normal), uv_sets, section, names))
+    if not pieces:
+        pieces = [Piece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
+    libraries = tuple(path.parent / library for library in lines.libraries)
+    materials = read_materials(path.parent, lines.libraries)
+    whole_normals = bool((corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all())
+    document = ObjDocument(text, corners.astype(np.int32), polygons, whole_normals, materials, libraries)
+    return build_scene(path, "obj", pieces, document, warnings)
+
+
+def obj_files(path: Path, data: bytes) -> list[Path]:
+    """Return the MTL files that an OBJ file of the given bytes names, and the pictures that these are for."""
+    names = [name.decode("utf-8", "surrogateescape").strip() for name in _LIBRARY.findall(data)]
+    materials = read_materials(path.parent, names).values()
+    return [*(path.parent / name for name in names), *material_files(materials)]
+
+
+def statement(line: str) -> tuple[str, str, str]:
+    """Split a line into its keyword, a space and what follows."""
+    return line.strip().replace("\t", " ").partition(" ")
+
+
+def _join_lines(text: str) -> str:
+    """Return a text in which every statement has one line."""
+    return text.replace("\\\r\n", " ").replace("\\\n", " ").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _sort_lines(text: str) -> _Lines:
+    lines = _Lines([], [], [], [], [], [(Section(), 0)], [])
+    keep = {"v": lines.v, "vt": lines.vt, "vn": lines.vn}
+    section = Section()
+    for line in text.split("\n"):
+        keyword, _, rest = statement(line)
+        if keyword in keep:
+            keep[keyword].append(rest)
+        elif keyword == "f":
+            lines.faces.append(rest.partition("#")[0])
+            lines.above.append((len(lines.v), len(lines.vt), len(lines.vn)))
+        elif keyword in ("o", "g", "usemtl"):
+            name = rest.strip() or None
+            section = Section(
+                object=name if keyword == "o" else section.object,
+                group=name if keyword == "g" else None if keyword == "o" else section.group,
+                material=name if keyword == "usemtl" else section.material,
+            )
+            lines.sections.append((section, len(lines.faces)))
+        elif keyword == "mtllib":
+            lines.libraries.append(rest.strip())
+    return lines
+
+
+def _numbers(path: Path, what: str, rows: list[str], least: int, width: int) -> Doubles:
+    """Return (len(rows), width) numbers; those that a row may leave out are 0."""
+    split = [row.split(None, width)[:width] for row in rows]
+    try:
+        if all(len(row) == width for row in split):
+            return np.array(split, dtype=np.float64).reshape(-1, width)
+        table = np.zeros((len(split), width))
+        for index, row in enumerate(split):
+            if len(row) < least:
+                raise ValueError
+            table[index, : len(row)] = [float(number) for number in row]
+    except ValueError:
+        number, row_text = next(
+            (number, row) for number, row in enumerate(rows, 1) if not _are_numbers(row.split()[:width], least)
+        )
+        raise damaged(path, f"{what} number {number} is {row_text[:60]!a}, {least} numbers were expected") from None
+    return table
+
+
+def _are_numbers(words: Sequence[str], least: int) -> bool:
+    try:
+        return len([float(word) for word in words]) >= least
+    except ValueError:
+        return False
+
+
+def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (p,) corners of each face, and (sum, 3) indices of position, UV and normal there, -1 for none."""
+    split = [face.split() for face in lines.faces]
+    counts = np.array([len(words) for words in split], dtype=np.int64)
+    words = [word for face in split for word in face]
+    try:
+        given = _indices(words)
+    except (ValueError, OverflowError):
+        wrong = next(face for face in split if not all(_is_corner(word) for word in face))
+        found = f"a face is {' '.join(wrong)[:60]!a}, corners such as 1, 1/2 or 1/2/3 were expected"
+        raise damaged(path, found) from None
+    above = np.repeat(np.array(lines.above, dtype=np.int64).reshape(-1, 3), counts, axis=0)
+    corners = np.where(given < 0, above + given, given - 1)
+    for column, what in enumerate(("v", "vt", "vn")):
+        absent = given[:, column] == 0 if column else np.zeros(len(given), dtype=bool)
+        wrong_corner = ~absent & ((corners[:, column] < 0) | (corners[:, column] >= sizes[column]))
+        if wrong_corner.any():
+            index = given[wrong_corner, column][0]
+            raise damaged(path, f"a face refers to {what} {index}, but there are {sizes[column]} (counted from 1)")
+    return counts, corners
+
+
+def _indices(words: list[str]) -> NDArray[np.int64]:
+    """Return (n, 3) indices as written, 0 where left out; raises ValueError."""
+    slashes = {word.count("/") for word in words}
+    if len(slashes) == 1:
+        (number,) = slashes
+        if number <= 2:
+            flat = "/".join(words).replace("//", "/0/") if number == 2 else "/".join(words)
+            numbers = np.array([int(word) for word in flat.split("/")], dtype=np.int64).reshape(-1, number + 1)
+            return np.pad(numbers, ((0, 0), (0, 2 - number)))
+    table = np.zeros((len(words), 3), dtype=np.int64)
+    for row, word in zip(table, words, strict=True):
+        parts = word.split("/")
+        row[: len(parts)] = [int(part or 0) for part in parts]
+    return table
+
+
+def _is_corner(word: str) -> bool:
+    try:
+        _indices([word])
+    except (ValueError, OverflowError):
+        return False
+    return True
+
+
+def _runs(sections: list[tuple[Section, int]], faces: int) -> Iterator[tuple[Section, int, int]]:
+    """Yield the sections that have faces, as (section, first face, one past its last); equal neighbours as one."""
+    ends = [start for _, start in sections[1:]] + [faces]
+    pending: tuple[Section, int, int] | None = None
+    for (section, start), stop in zip(sections, ends, strict=True):
+        if start == stop:
+            continue
+        if pending is not None and pending[0] == section:
+            pending = (section, pending[1], stop)
+            continue
+        if pending is not None:
+            yield pending
+        pending = (section, start, stop)
+    if pending is not None:
+        yield pending
+
+
+def _look_up(table: Doubles, indices: NDArray[np.int64]) -> Doubles | None:
+    """Return the rows at the indices, NaN where an index is -1; None if all are."""
+    if not (indices >= 0).any():
+        return None
+    return np.where((indices >= 0)[:, :, None], table[indices], np.nan)

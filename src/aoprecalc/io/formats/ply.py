@@ -1,0 +1,273 @@
+"""Reads Stanford PLY, ASCII or binary: polygons of any mixture of sizes, triangle strips, UVs on vertices or corners.
+
+trimesh's reader is not used for this format: it refuses binary files that mix triangles with other polygons, takes
+strips for a cloud of points, and reorders the vertices where there are UVs.
+"""
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.io.formats.base import placed_uvs, what_is_lost
+from aoprecalc.io.formats.builder import Piece, build_scene, check_indices, damaged
+from aoprecalc.io.formats.obj.reader import ObjDocument
+from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
+from aoprecalc.io.formats.polygons import Indices, Polygons, polygon_triangles, strip_triangles
+from aoprecalc.io.outputs import Outputs, relative_path
+from aoprecalc.mesh.vertices import distinct_rows
+from aoprecalc.options import Pack
+from aoprecalc.types import Atlas, Doubles, Floats, Scene
+
+VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+VERTEX_NORMALS = ("nx", "ny", "nz")
+FACE_LISTS = ("vertex_indices", "vertex_index")
+
+
+REWRITTEN = ("vertex", "face", "tristrips")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What a header announces.
+
+    order     of the bytes in `body`, which follows it: < or >; or ascii
+    comments  its lines `comment` and `obj_info`, but for the name of its texture
+    texture   what the first `comment TextureFile` names, as MeshLab writes it
+    """
+
+    elements: list[Element]
+    order: str
+    body: bytes
+    comments: tuple[str, ...]
+    texture: str | None
+
+    def picture(self, path: Path) -> Path | None:
+        """Return the file of that texture, for the PLY at `path`."""
+        return None if self.texture is None else path.parent / self.texture.replace("\\", "/")
+
+
+@dataclass(frozen=True, eq=False)
+class PlyDocument:
+    """A PLY as its writer needs it again. Properties are of the types and in the order that they had in the file.
+
+    vertices   every property of the vertices that is no list: name -> (n,) values
+    polygons   its faces, and after them the triangles of its strips; their corners are in Part.vertices
+    faces      the same of its faces: name -> (polygons,) values, 0 for the triangles of strips
+    others     the elements beside vertices, faces and strips
+    comments   its lines `comment` and `obj_info`, but for the name of its texture
+    picture    the file of its texture, where a `comment TextureFile` names one
+    """
+
+    vertices: dict[str, NDArray[Any]]
+    polygons: Polygons
+    faces: dict[str, NDArray[Any]]
+    others: tuple[tuple[Element, Table], ...] = ()
+    comments: tuple[str, ...] = ()
+    picture: Path | None = None
+
+
+def read_ply(path: Path, data: bytes) -> Scene:
+    """Read a PLY file of the given bytes; raises InputError where it is damaged or has no usable faces."""
+    header = _header(path, data)
+    tables = read_table(path, header.elements, header.body, header.order)
+    columns = tables.get("vertex", Table({}, {})).columns
+    if not all(axis in columns for axis in "xyz"):
+        raise damaged(path, "its vertices have no x, y and z, which were expected")
+    positions = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
+
+    polygons, vertices, corner_uvs = _faces(positions, tables)
+    face_columns = tables.get("face", Table({}, {})).columns if len(polygons.counts) else {}
+    strips = _strips(tables)
+    if len(strips):
+        polygons, corner_uvs = polygons.followed_by(Polygons.of_triangles(len(strips))), None
+        vertices = np.concatenate([vertices, strips])
+        face_columns = {name: np.pad(column, (0, len(strips))) for name, column in face_columns.items()}
+    check_indices(path, vertices, len(positions))
+    if names := uv_names(columns):
+        corner_uvs = np.column_stack([columns[name] for name in names])[vertices]
+    normals = None
+    if all(name in columns for name in VERTEX_NORMALS):
+        normals = np.column_stack([columns[name] for name in VERTEX_NORMALS])[vertices]
+
+    uv_sets = () if corner_uvs is None else (corner_uvs,)
+    others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in REWRITTEN)
+    picture = header.picture(path)
+    document = PlyDocument(columns, polygons, face_columns, others, header.comments, picture)
+    return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, uv_sets)], document)
+
+
+def ply_files(path: Path, data: bytes) -> list[Path]:
+    """Return the texture that a PLY file of the given bytes names; raises InputError where it is damaged."""
+    picture = _header(path, data).picture(path)
+    return [] if picture is None else [picture]
+
+
+def uv_names(columns: Collection[str]) -> tuple[str, ...]:
+    """Return what the UVs of vertices are called among the names of their properties; nothing where there are none."""
+    return next((names for names in VERTEX_UVS if all(name in columns for name in names)), ())
+
+
+def _faces(positions: Doubles, tables: dict[str, Table]) -> tuple[Polygons, NDArray[np.int64], Doubles | None]:
+    """Return polygons, the (f, 3) vertices of their triangles and, where faces carry UVs, (f, 3, 2) at the corners."""
+    face = tables.get("face", Table({}, {}))
+    lists = next((face.lists[name] for name in FACE_LISTS if name in face.lists), None)
+    if lists is None:
+        return Polygons.of_triangles(0), np.empty((0, 3), dtype=np.int64), None
+    vertices = lists.values.astype(np.int64)
+    known = (vertices >= 0) & (vertices < len(positions))
+    # Indices that are wrong are reported later; until then any position will do.
+    polygons = Polygons(lists.counts, *polygon_triangles(lists.counts, np.where(known, vertices, 0), positions))
+    texcoord = face.lists.get("texcoord")
+    if texcoord is None or not np.array_equal(texcoord.counts, 2 * lists.counts):
+        return polygons, vertices[polygons.triangles], None
+    uvs = texcoord.values.astype(np.float64).reshape(-1, 2)
+    return polygons, vertices[polygons.triangles], uvs[polygons.triangles]
+
+
+def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
+    """Return the (f, 3) vertices of the triangles of all strips; in a list, -1 starts a new strip."""
+    lists = tables.get("tristrips", Table({}, {})).lists.get("vertex_indices")
+    if lists is None:
+        return np.empty((0, 3), dtype=np.int64)
+    ends = np.cumsum(lists.counts)[:-1]
+    return strip_triangles(np.insert(lists.values.astype(np.int64), ends, -1))
+
+
+def _header(path: Path, data: bytes) -> _Header:
+    end = data.find(b"end_header")
+    line_end = data.find(b"\n", end)
+    if not data.startswith(b"ply") or end < 0 or line_end < 0:
+        raise damaged(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
+    order, texture = "", None
+    elements: list[Element] = []
+    comments: list[str] = []
+    for line in re.split("[\r\n]+", data[:end].decode("utf-8", "surrogateescape")):
+        words = line.split()
+        if words[:1] == ["format"] and len(words) >= 2:
+            order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
+        elif words[:1] == ["element"]:
+            elements.append(Element(words[1], int(words[2]), []))
+        elif words[:1] == ["property"]:
+            elements[-1].properties.append(_property(path, words))
+        elif words[:2] == ["comment", "TextureFile"] and len(words) > 2:
+            texture = texture or line.split(None, 2)[2].rstrip()
+        elif words[:1] in (["comment"], ["obj_info"]):
+            comments.append(line)
+    if not order:
+        raise damaged(path, "its PLY header names no known format, ascii or binary was expected")
+    return _Header(elements, order, data[line_end + 1 :], tuple(comments), texture)
+
+
+def _property(path: Path, words: Sequence[str]) -> Property:
+    try:
+        if words[1] == "list":
+            return Property(words[4], words[3], words[2])
+        return Property(words[2], words[1])
+    except (IndexError, KeyError):
+        raise damaged(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None
+
+
+# Writes binary PLY with one normal and one UV (s, t) for each vertex.
+
+Columns = dict[str, NDArray[Any]]
+
+_NAMES = {code: name for name, code in TYPES.items() if not name[-1].isdigit()}
+_UVS = ("s", "t")
+_TEXTURE_NUMBER = "texnumber"  # which of several textures a face shows; now there is one
+_LONGEST_LIST = 255  # that a count of one byte can tell
+
+
+def write_ply(
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
+) -> tuple[str, ...]:
+    """Write a PLY whose vertices are split where UVs or normals differ; return what the user should know.
+
+    What else a PLY source has is kept, lists of numbers excepted: the vertices with their numbers (those that a split
+    makes follow them), their properties, those of the faces, other elements, comments. A polygon is cut into its
+    triangles where a seam runs through it. The texture is named by a `comment TextureFile`, as MeshLab does.
+    """
+    if isinstance(scene.document, PlyDocument):
+        document, origins = scene.document, np.concatenate([part.vertices for part in scene.parts])
+    else:
+        document, origins = _fresh_document(scene), scene.faces
+    uvs = placed_uvs(scene, atlas).astype(np.float32)
+    faces = document.polygons.rejoin([uvs, normals], decides=atlas.covers | (atlas.uv_set is not None))
+
+    at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in (normals, uvs)]
+    count = len(document.vertices["x"])
+    numbers, first, origin = _split(origins.reshape(-1)[faces.corners], count, *at_corners)
+    old_uvs = set(uv_names(document.vertices)) - {*_UVS}
+    columns = {name: values[origin] for name, values in document.vertices.items() if name not in old_uvs}
+    for names, values in zip((VERTEX_NORMALS, _UVS), at_corners, strict=True):
+        for name, column in zip(names, values.T, strict=True):
+            before = columns.get(name, np.zeros(len(origin))).astype(np.float32)
+            columns[name] = np.where(first >= 0, column[first], before)
+
+    of_faces = {name: values[faces.owners] for name, values in document.faces.items() if name != _TEXTURE_NUMBER}
+    length = "uchar" if faces.counts.max() <= _LONGEST_LIST else "int"
+    elements = [
+        (_element("vertex", len(origin), columns), Table(columns, {})),
+        (
+            _element("face", len(faces.counts), of_faces, Property("vertex_indices", "int", length)),
+            Table(of_faces, {"vertex_indices": Lists(faces.counts, numbers)}),
+        ),
+        *document.others,
+    ]
+    header = ["ply", "format binary_little_endian 1.0", *document.comments]
+    header += [f"comment TextureFile {relative_path(texture, path)}"]
+    header += [line for element, _ in elements for line in element.lines]
+    head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
+    outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
+    return (*_about_others(path, scene), *what_is_lost(path, scene, atlas))
+
+
+def _fresh_document(scene: Scene) -> PlyDocument:
+    """Say a scene from another kind of file as a PLY; positions are float32 where that is exact, else float64."""
+    polygons = scene.document.polygons if isinstance(scene.document, ObjDocument) else None
+    vertices = dict(zip("xyz", _shortest(scene.positions).T, strict=True))
+    return PlyDocument(vertices, polygons or Polygons.of_triangles(len(scene.faces)), {})
+
+
+def _shortest(positions: Doubles) -> NDArray[Any]:
+    single = positions.astype(np.float32)
+    return single if np.array_equal(single, positions) else positions
+
+
+def _split(origins: Indices, count: int, *values: NDArray[Any]) -> tuple[Indices, Indices, Indices]:
+    """Make vertices of corners that have some (n, c) values and come from one of `count` vertices, (n,).
+
+    The first that is made of each keeps its number, the others come after all of them.
+
+    Returns the (n,) vertex of each corner; for each vertex a corner that has its values, -1 for none; and which of the
+    vertices it was.
+    """
+    corner, which = distinct_rows(origins, *values)
+    of_corner = origins[corner]
+    made_first = np.empty(count, dtype=np.int64)
+    made_first[of_corner[::-1]] = np.arange(len(corner))[::-1]  # the last assignment stays
+    earliest = made_first[of_corner] == np.arange(len(corner))
+    number = np.where(earliest, of_corner, count - 1 + np.cumsum(~earliest))
+    origin = np.concatenate([np.arange(count), of_corner[~earliest]])
+    first = np.full(len(origin), -1)
+    first[number] = corner
+    return number[which], first, origin
+
+
+def _element(name: str, count: int, columns: Columns, *lists: Property) -> Element:
+    scalars = [Property(name, _NAMES[values.dtype.str[1:]]) for name, values in columns.items()]
+    return Element(name, count, [*lists, *scalars])
+
+
+def _about_others(path: Path, scene: Scene) -> tuple[str, ...]:
+    """Return what the user should know about parts that do not receive: all vertices have UVs here."""
+    others = sum(not part.receives for part in scene.parts)
+    if not others:
+        return ()
+    return (
+        f"{path}: PLY holds one texture, which {others} parts without ambient occlusion show as well; write a .glb",
+    )

@@ -1,0 +1,75 @@
+"""Reads STL, binary or ASCII. Its triangles share nothing and its normals are those of the faces: neither is kept."""
+
+import logging
+import re
+import warnings
+from io import BytesIO, StringIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.io.formats.builder import Piece, build_scene, damaged
+from aoprecalc.types import Scene
+
+HEADER = 84  # 80 bytes of text and the number of faces
+FACE = 50  # bytes of one face
+
+# trimesh logs the traceback of a normal that is none; logging prints that unless somebody listens.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+_SOLID = re.compile(r"\s*solid\b", re.IGNORECASE)
+_FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
+_VERTEX = re.compile(r"^[ \t]*vertex((?:[ \t]+\S+)*)[ \t]*$", re.MULTILINE | re.IGNORECASE)
+
+
+def read_stl(path: Path, data: bytes) -> Scene:
+    """Read an STL file of the given bytes, each solid of an ASCII file as a piece.
+
+    Raises InputError where it is damaged or has no usable faces.
+    """
+    text = "" if b"\0" in data else data.decode("utf-8", "surrogateescape")
+    if _SOLID.match(text):
+        return build_scene(path, "stl", _read_text(path, StringIO(text, newline=None).read()))
+    faces = int.from_bytes(data[HEADER - 4 : HEADER], "little")
+    size = HEADER + faces * FACE
+    if len(data) < max(size, HEADER):
+        raise damaged(path, f"{faces} faces in {size} bytes were expected, but it has {len(data)} bytes")
+    said = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
+    return build_scene(path, "stl", _read_binary(data[:size]), warnings=said)
+
+
+def _read_binary(data: bytes) -> list[Piece]:
+    from trimesh.exchange.stl import load_stl_binary  # takes half a second, which other formats should not pay
+
+    loaded = load_stl_binary(BytesIO(data))
+    return [_soup("mesh", loaded["vertices"])] if "vertices" in loaded else []
+
+
+def _read_text(path: Path, text: str) -> list[Piece]:
+    """Return one piece for each solid; raises InputError unless every vertex of the text is in one of them."""
+    from trimesh.exchange.stl import load_stl_ascii
+
+    vertices = _VERTEX.findall(text)
+    wrong = next((words.strip() for words in vertices if len(words.split()) != 3), None)
+    if wrong is not None:
+        raise damaged(path, f"a vertex is {wrong[:60]!a}, three numbers were expected")
+    facets = len(_FACET.findall(text))
+    if len(vertices) != 3 * facets:
+        raise damaged(path, f"it has {len(vertices)} vertices, three for each of {facets} facets were expected")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of words that are no numbers, which are noticed below
+        loaded = load_stl_ascii(StringIO(text))
+    solids = loaded["geometry"] if "geometry" in loaded else {loaded["metadata"]["name"]: loaded}
+    # Solids without a name are called geometry_1 and so on.
+    pieces = [_soup("mesh" if name.startswith("geometry_") else name, s["vertices"]) for name, s in solids.items()]
+    # trimesh stops without a word at what is not a number, and leaves out a solid that has no end.
+    found = sum(len(piece.positions) for piece in pieces)
+    if found != len(vertices):
+        raise damaged(path, f"only {found} of its {len(vertices)} vertices are numbers between solid and endsolid")
+    return pieces
+
+
+def _soup(name: str, corners: NDArray[np.floating]) -> Piece:
+    return Piece(name, corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3))

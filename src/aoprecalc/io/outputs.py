@@ -1,0 +1,224 @@
+"""Output files that appear whole, all together, or not at all."""
+
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, suppress
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from urllib.parse import quote
+
+from aoprecalc.errors import InputError, OutputError, UsageError
+
+
+class Outputs(AbstractContextManager["Outputs"]):
+    """A set of files that are written beside their places and moved there at the end of the `with` block.
+
+    If the block raises, nothing has changed on disk: what was written is removed and earlier files
+    of the same names are as they were.
+
+        with Outputs() as outputs:
+            write_something(outputs.path("build/rock_ao.png"))
+    """
+
+    def __init__(self, staging: str | os.PathLike[str] | None = None) -> None:
+        """Start with no files.
+
+        staging   a folder of the same file system in which files are written, rather than beside their places; these
+                  need not have their folders yet. Who gives one takes the files over by `release`
+        """
+        self._staging = None if staging is None else Path(staging)
+        self._asked: dict[Path, Path] = {}  # a file with links followed -> as it was asked for
+        self._pending: dict[Path, Path] = {}
+        self._claimed: set[Path] = set()
+        self._protected: set[Path] = set()
+        self._folders: list[Path] = []
+
+    @property
+    def files(self) -> list[Path]:
+        """The files written so far, in the order in which they were begun, with links followed."""
+        return list(self._pending)
+
+    def protect(self, paths: Iterable[str | os.PathLike[str]]) -> None:
+        """Refuse to write these files from now on: they belong to the input."""
+        self._protected.update(_real(path) for path in paths)
+
+    def folder(self, path: str | os.PathLike[str]) -> Path:
+        """Make a folder where it is missing, with those above it; they are removed again if the block fails.
+
+        Raises OutputError where that is not possible.
+        """
+        folder = Path(path)
+        missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+        try:
+            for parent in reversed(missing):
+                parent.mkdir()
+                self._folders.append(parent)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OutputError(f"{folder}: the folder cannot be made ({reason}); choose another output") from error
+        return folder
+
+    def written(self, final: str | os.PathLike[str]) -> Path:
+        """Return where the contents of `final` are now: under its temporary path if it is one of these files."""
+        return self._pending.get(_real(final), Path(final))
+
+    @property
+    def staged(self) -> bool:
+        """Tell whether the files are for someone else, who may have more that go beside them."""
+        return self._staging is not None
+
+    def release(self) -> dict[Path, Path]:
+        """Return the place of each file, as it was asked for, and where it is now; the caller moves or removes it."""
+        pending, self._pending = self._pending, {}
+        return {self._asked[target]: temporary for target, temporary in pending.items()}
+
+    def claim(self, final: str | os.PathLike[str]) -> None:
+        """Make sure, before long work, that `final` can be written and that nothing else will be written there.
+
+        Raises as `path` does; leaves no file.
+        """
+        if _real(final) in self._claimed:
+            raise UsageError(f"{final}: two outputs have this name; give each its own")
+        self.path(final).unlink()
+        del self._pending[_real(final)]
+        self._claimed.add(_real(final))
+
+    def path(self, final: str | os.PathLike[str]) -> Path:
+        """Return the temporary path (same folder, same extension) under which `final` is to be written now.
+
+        Raises OutputError where the folder is missing or cannot be written, and where `final` is there but no regular
+        file; UsageError where it is one of the input's own files or was asked for before.
+        """
+        target = _real(final)
+        if target in self._pending:
+            raise UsageError(f"{final}: two outputs have this name; give each its own")
+        if target in self._protected:
+            raise UsageError(f"{final}: belongs to the input itself; choose another name or folder for the output")
+        if target.exists() and not target.is_file():
+            kind = "a folder" if target.is_dir() else "no regular file"
+            raise OutputError(f"{final}: is {kind}, a file name was expected; choose another output")
+        if self._staging is None and not target.parent.is_dir():
+            raise OutputError(f"{final}: there is no folder {Path(final).parent}; create it or choose another output")
+        temporary = (self._staging or target.parent) / f".{secrets.token_hex(6)}.{target.name}"
+        try:
+            temporary.touch(exist_ok=False)
+        except OSError as error:
+            raise OutputError(
+                f"{final}: cannot write there ({error.strerror}); choose another output or change its permissions"
+            ) from error
+        self._pending[target], self._asked[target] = temporary, Path(final)
+        return temporary
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Move every file to its place, or remove them all if the block failed."""
+        try:
+            if kind is None:
+                self._commit()
+                self._folders.clear()
+        finally:
+            for temporary in self._pending.values():
+                with suppress(OSError):
+                    temporary.unlink(missing_ok=True)
+            for folder in reversed(self._folders):
+                with suppress(OSError):
+                    folder.rmdir()
+
+    def _commit(self) -> None:
+        for target, temporary in self._pending.items():
+            try:
+                os.replace(temporary, target)
+            except OSError as error:
+                raise OutputError(f"{target}: cannot be replaced ({error.strerror}); choose another output") from error
+
+
+def _real(path: str | os.PathLike[str]) -> Path:
+    """One name for each file: absolute, with links followed."""
+    return Path(os.path.realpath(path))
+
+
+# Where outputs go: the paths that options name, made definite.
+
+
+def output_place(wanted: str | PathLike[str] | None, default: str | Path) -> Path:
+    """Return the file that an output option means.
+
+    wanted    a file; a folder (existing, or ending in a slash), which takes the default's name; or None: the default
+    default   a file name, or a path, relative to the current folder
+    """
+    if wanted is None:
+        return Path(default)
+    path = Path(wanted)
+    return path / Path(default).name if path.is_dir() or _says_folder(wanted) else path
+
+
+def claim(outputs: Outputs, wanted: str | PathLike[str] | None, place: Path) -> None:
+    """Make sure, before long work, that the output `place`, which `wanted` means, can be written.
+
+    Makes its folder where it is missing and `wanted` ends in a slash. Raises what Outputs.claim does.
+    """
+    if wanted is not None and _says_folder(wanted):
+        outputs.folder(place.parent)
+    outputs.claim(place)
+
+
+def _says_folder(wanted: str | PathLike[str]) -> bool:
+    return os.fspath(wanted).endswith(("/", os.sep))
+
+
+# How one output file refers to another.
+
+
+def relative_path(target: Path, file: Path) -> str:
+    """Return the way to `target` from the folder of `file`, with forward slashes."""
+    return Path(os.path.relpath(target, file.parent)).as_posix()
+
+
+def relative_uri(target: Path, file: Path) -> str:
+    """Return the same as a URI reference."""
+    return quote(relative_path(target, file))
+
+
+# Reports, and other documents, as JSON files.
+
+
+def report_text(report: dict[str, Any]) -> str:
+    """Lay a report out as JSON that people can read too."""
+    return json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def write_report(path: Path, report: dict[str, Any]) -> None:
+    """Write a report; raises OutputError where the file cannot be written."""
+    try:
+        path.write_text(report_text(report), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Read a JSON object whose numbers are finite.
+
+    Raises InputError where the file is missing or holds something else.
+    """
+    try:
+        document = json.loads(path.read_bytes(), parse_float=_finite, parse_constant=_finite)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}), a JSON file was expected") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({' '.join(str(error).split())[:120]}); write it again") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: holds no JSON object; a report or a sphere set was expected")
+    return document
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number

@@ -1,0 +1,1 @@
+"""Triangle meshes: vertices, normals, topology, alpha masks, sampling."""

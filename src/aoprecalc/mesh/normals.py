@@ -1,0 +1,111 @@
+"""Geometric normals of faces, and shading normals at their corners where the file has none."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from aoprecalc.errors import InputError
+from aoprecalc.mesh.topology import edge_ids
+from aoprecalc.options import Normals
+from aoprecalc.types import Doubles, Floats, Ints, Mask, Scene
+
+_SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
+# Twice a face's area over its longest edge squared, below which it has no direction that doubles can tell.
+_FLATTEST_FACE = 1e-12
+_STL_ANGLE = 40.0  # STL knows no smoothness; above this angle an edge was probably meant
+
+
+def area_vectors(corners: Doubles) -> Doubles:
+    """Return twice the area of each face times its unit normal, (f, 3), from (f, 3, 3) corners; follows the winding."""
+    vectors: Doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return vectors
+
+
+def face_directions(corners: Doubles) -> tuple[Doubles, Mask]:
+    """Return (f, 3) unit normals that follow the winding, and which faces have area, (f,), from (f, 3, 3) corners.
+
+    The normal of a face without area is (0, 0, 1). What counts is the shape alone, at any scale.
+    """
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1, keepdims=True)
+    sides = sides / np.where(longest > 0, longest, 1)[:, :, None]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    has_area: Mask = lengths[:, 0] > _FLATTEST_FACE
+    return np.where(has_area[:, None], normals / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0)), has_area
+
+
+def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | None = None) -> Floats:
+    """Return unit shading normals at the corners, (f, 3, 3) float32.
+
+    mode          auto: the file's, else smooth; file: the file's; flat: each face's own; smooth: the area-weighted mean
+                  of the faces around a position, parted at edges that bend more than `crease_angle`
+    crease_angle  degrees in [0, 180]; None: 180, and 40 for STL
+    Raises InputError for mode file where the file has no normals.
+    """
+    if mode == "file" and scene.normals is None:
+        raise InputError(f"{scene.path}: has no normals, which --normals file asks for; use --normals auto or smooth")
+    if mode in ("auto", "file") and scene.normals is not None:
+        return scene.normals
+    areas = area_vectors(scene.corners)
+    own = np.repeat(_unit(areas)[:, None], 3, axis=1)
+    if mode == "flat":
+        return own.astype(np.float32)
+    angle = crease_angle if crease_angle is not None else _STL_ANGLE if scene.kind == "stl" else _SMOOTH_ANGLE
+    fans = (
+        scene.faces if angle >= _SMOOTH_ANGLE else _smooth_fans(scene.faces, _unit(areas, empty=(0.0, 0.0, 0.0)), angle)
+    )
+    sums: Doubles = np.column_stack([np.bincount(fans.ravel(), np.repeat(areas[:, axis], 3)) for axis in range(3)])
+    # Where opposite faces cancel there is no mean: each keeps its own.
+    cancelled = np.linalg.norm(sums, axis=1) <= 1e-9 * np.bincount(
+        fans.ravel(), np.repeat(np.linalg.norm(areas, axis=1), 3)
+    )
+    smooth = np.where(cancelled[fans][..., None], own, _unit(sums)[fans])
+    return smooth.astype(np.float32)
+
+
+def geometric_normals(scene: Scene, shading: Floats) -> Floats:
+    """Return the unit normal of each face, (f, 3) float32, zero for faces without area.
+
+    It follows the winding, but is turned where the shading normals at all three corners oppose it.
+    """
+    normals = _unit(area_vectors(scene.corners), empty=(0.0, 0.0, 0.0))
+    opposed = (np.einsum("fcx,fx->fc", shading, normals) < 0).all(axis=1)
+    return np.where(opposed[:, None], -normals, normals).astype(np.float32)
+
+
+def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
+    """Number the corners, (f, 3), so that those joined around a position over edges that bend at most `angle` agree."""
+    ids = edge_ids(faces).ravel()
+    order = np.argsort(ids, kind="stable")
+    first, second = order[:-1], order[1:]
+    # An edge of more than two faces joins its neighbours in this order; a pair is enough to connect them.
+    shared = ids[first] == ids[second]
+    first, second = first[shared], second[shared]
+    cosine = np.einsum("ex,ex->e", normals[first // 3], normals[second // 3])
+    no_area: Mask = (
+        np.linalg.norm(normals, axis=1) == 0
+    )  # has no direction to bend from: its neighbours are joined through it
+    gentle = (cosine >= np.cos(np.radians(angle)) - 1e-9) | no_area[first // 3] | no_area[second // 3]
+    first, second = first[gentle], second[gentle]
+    joined_from, joined_to = [], []
+    for end in (0, 1):
+        corner = first // 3 * 3 + (first % 3 + end) % 3
+        for other_end in (0, 1):
+            other = second // 3 * 3 + (second % 3 + other_end) % 3
+            same = faces.ravel()[corner] == faces.ravel()[other]
+            joined_from.append(corner[same])
+            joined_to.append(other[same])
+    rows, columns = np.concatenate(joined_from), np.concatenate(joined_to)
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(faces.size, faces.size))
+    labels: Ints = connected_components(graph, directed=False)[1].astype(np.int32)
+    return labels.reshape(faces.shape)
+
+
+def _unit(vectors: Doubles, empty: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Doubles:
+    """Divide vectors, (m, 3), by their lengths; those without length become `empty`."""
+    # Scaled first: the square of a tiny vector's length would underflow.
+    scale = np.abs(vectors).max(axis=1, keepdims=True)
+    scaled = vectors / np.where(scale > 0, scale, 1.0)
+    length = np.linalg.norm(scaled, axis=1, keepdims=True)
+    return np.where(length > 0, scaled / np.where(length > 0, length, 1.0), empty)

@@ -1,0 +1,89 @@
+"""Which parts of a scene receive light, and which are in its way."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+
+from aoprecalc.errors import InputError, UsageError
+from aoprecalc.options import LightOptions
+from aoprecalc.types import Part, Scene
+
+_SHOWN = 5  # names, where one is wrong
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) -> Scene:
+    """Return the scene with its floor, and its parts with what they do in the light, as options and looks want it.
+
+    share   instances of a piece have one place in the texture together
+
+    Raises UsageError where a name is no part's and where the options leave nothing that receives, InputError where all
+    is unlit.
+    """
+    for option, patterns in (
+        ("only", options.only),
+        ("exclude", options.exclude),
+        ("occluders-only", options.occluders_only),
+    ):
+        _require_known(scene.parts, option, patterns)
+    parts = [_with_roles(part, options) for part in scene.parts]
+    if not any(part.receives for part in parts):
+        raise _nothing_to_bake(scene, options)
+    return replace(scene, parts=_with_shares(parts, share), floor=_floor(scene, options))
+
+
+def _with_roles(part: Part, options: LightOptions) -> Part:
+    there = not _is_named(part, options.exclude)
+    receives = there and not part.look.unlit and not _is_named(part, options.occluders_only)
+    return replace(
+        part,
+        receives=receives and (not options.only or _is_named(part, options.only)),
+        occludes=there and (options.glass_occludes or not part.look.glass),
+        two_sided=options.two_sided or part.look.leafy,
+    )
+
+
+def _floor(scene: Scene, options: LightOptions) -> tuple[float, float, float] | None:
+    if not options.ground:
+        return None
+    up = options.up if options.up != "auto" else "z" if scene.kind == "stl" else "y"
+    return _AXES[up]
+
+
+def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
+    """Let instances share the place of the first of them that receives."""
+    first: dict[int, int] = {}
+    result = []
+    for number, part in enumerate(parts):
+        piece = part.instance_of if share else part.repeats
+        owner = first.setdefault(number if piece is None else piece, number) if part.receives else number
+        result.append(replace(part, shares=None if owner == number else owner))
+    return tuple(result)
+
+
+def _is_named(part: Part, patterns: Collection[str]) -> bool:
+    wanted = [pattern.replace("[", "[[]") for pattern in patterns]  # brackets are parts of names
+    return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in wanted)
+
+
+def _require_known(parts: Sequence[Part], option: str, patterns: Collection[str]) -> None:
+    for pattern in patterns:
+        if not any(_is_named(part, [pattern]) for part in parts):
+            names = sorted({name for part in parts for name in (part.name, *part.names)})
+            shown = get_close_matches(pattern, names, _SHOWN) or names[:_SHOWN]
+            more = f" or {len(names) - len(shown)} others" if len(names) > len(shown) else ""
+            expected = ", ".join(map(repr, shown)) + more
+            raise UsageError(f"--{option} {pattern!r} is the name of no part; expected one such as {expected}")
+
+
+def _nothing_to_bake(scene: Scene, options: LightOptions) -> InputError | UsageError:
+    asked = [part for part in scene.parts if not options.only or _is_named(part, options.only)]
+    if all(part.look.unlit for part in asked):
+        return InputError(
+            f"{scene.path}: nothing to bake: its materials are unlit (KHR_materials_unlit), which no ambient occlusion "
+            "shows on; make them lit ones"
+        )
+    return UsageError(
+        f"{scene.path}: nothing to bake: --only, --exclude and --occluders-only leave no part that receives; name fewer"
+    )

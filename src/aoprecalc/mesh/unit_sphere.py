@@ -1,0 +1,97 @@
+"""A scene's surface as visibility is computed on it: in the unit sphere, with the normals of both kinds."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.mesh.normals import geometric_normals
+from aoprecalc.mesh.opaque_triangles import opaque_triangles
+from aoprecalc.types import Doubles, Floats, Ints, Mask, Scene
+
+
+@dataclass(frozen=True, eq=False)
+class UnitSurface:
+    """A surface and what is in its light's way, within 1 of the origin, where 32-bit floats resolve 1e-7.
+
+    positions   (v, 3) float32; those that take no part may lie farther away
+    faces       (f, 3) int32 into positions
+    shading     (f, 3, 3) float32: the unit shading normals n at the corners
+    geometric   (f, 3) float32: the unit geometric normals g, zero for faces without area
+    occluders   (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light
+    reach       (r, 3) float32: positions around all that receives or occludes
+    floor       the unit vector away from the endless floor; None where there is none
+    """
+
+    positions: Floats
+    faces: Ints
+    shading: Floats
+    geometric: Floats
+    occluders: Floats
+    reach: Floats
+    floor: tuple[float, float, float] | None
+
+    @classmethod
+    def of(cls, scene: Scene, shading: Floats) -> Self:
+        """Take a scene and its (f, 3, 3) shading normals."""
+        reach = taking_part(scene)
+        middle, radius = bounding_sphere(reach)
+
+        def inside(positions: Doubles) -> Floats:
+            return ((positions - middle) / radius).astype(np.float32)
+
+        occluders = opaque_triangles(scene)
+        return cls(
+            positions=inside(scene.positions),
+            faces=scene.faces,
+            shading=shading,
+            geometric=geometric_normals(scene, shading),
+            # Renderers and ray tracers want one triangle at least; this one has no area.
+            occluders=inside(occluders) if len(occluders) else np.zeros((1, 3, 3), np.float32),
+            reach=inside(reach),
+            floor=scene.floor,
+        )
+
+    def is_below(self, directions: NDArray[np.floating]) -> Mask:
+        """Tell which of (..., 3) directions lead down to the floor; level ones do not."""
+        below: Mask = np.zeros(directions.shape[:-1], bool)
+        return below if self.floor is None else directions @ np.asarray(self.floor, directions.dtype) < 0
+
+    def turned(self) -> Self:
+        """Return the surface with its other side in front."""
+        return replace(self, shading=-self.shading, geometric=-self.geometric)
+
+    def at(self, faces: NDArray[np.integer], weights: NDArray[np.floating]) -> tuple[Doubles, Doubles, Doubles]:
+        """Return positions, n and g, (k, 3) float64 each, at k points: their faces and (k, 3) barycentric weights.
+
+        Where n would leave the surface's own side (n.g <= 0) it is g.
+        """
+        at = weights.astype(np.float64)
+        positions = np.einsum("kc,kcx->kx", at, self.positions[self.faces[faces]])
+        geometric = self.geometric[faces].astype(np.float64)
+        shading = np.einsum("kc,kcx->kx", at, self.shading[faces])
+        opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
+        shading[opposed] = geometric[opposed]
+        lengths = np.linalg.norm(shading, axis=1, keepdims=True)
+        return positions, shading / np.where(lengths > 0, lengths, 1), geometric
+
+
+def taking_part(scene: Scene) -> Doubles:
+    """Return the positions, (r, 3), of the faces that receive or occlude."""
+    there = scene.receives | scene.occludes
+    return scene.positions if there.all() else scene.positions[np.unique(scene.faces[there])]
+
+
+def centred(positions: Doubles) -> Doubles:
+    """Move and scale (v, 3) positions into the unit sphere about the middle of their box."""
+    middle, radius = bounding_sphere(positions)
+    scaled: Doubles = (positions - middle) / radius
+    return scaled
+
+
+def bounding_sphere(positions: Doubles) -> tuple[Doubles, float]:
+    """Return the middle of the box of (v, 3) positions and the least radius about it that holds them; 1 for a point."""
+    middle: Doubles = (positions.min(axis=0) + positions.max(axis=0)) / 2
+    radius = float(np.sqrt(((positions - middle) ** 2).sum(axis=1).max()))
+    return middle, radius if radius > 0 else 1.0

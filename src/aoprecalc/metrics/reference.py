@@ -1,0 +1,89 @@
+"""Ambient occlusion at points of a surface by tracing rays: what a texture is measured against."""
+
+import math
+
+import numpy as np
+
+from aoprecalc.mesh.sampling import SurfacePoints
+from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.options import Estimator, VerifyOptions
+from aoprecalc.progress import Progress
+from aoprecalc.types import Doubles, Floats, Scene
+from aoprecalc.visibility.directions import perpendiculars
+from aoprecalc.visibility.rays import LIFT, Occluders
+
+_BLOCK = 1 << 20  # rays cast at a time: some 60 MB
+
+
+def rays_used(rays: int) -> int:
+    """Return how many rays stand for `rays`: the next square number, as they are stratified in a square grid."""
+    return (math.isqrt(rays - 1) + 1) ** 2
+
+
+def reference(
+    scene: Scene, shading: Floats, points: SurfacePoints, options: VerifyOptions, progress: Progress
+) -> Doubles:
+    """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
+
+    shading   (f, 3, 3) float32, unit normals at the corners
+    options   rays, seed, estimator and threads count here
+
+    With the interpolated normal n and the face's own g (for n where they oppose each other), rays w are drawn by their
+    cosine with n; ratio: the visible share of those with g.w > 0; mean: the visible ones of these as a share of all.
+    Faces that are two-sided have the larger of both sides' values. Points done are counted on `progress`.
+    Raises RendererError where rays cannot be cast.
+    """
+    surface = UnitSurface.of(scene, shading)
+    occluders = Occluders(surface.occluders, options.threads)
+    places, normals, geometric = surface.at(points.faces, points.weights)
+    values = _one_side(surface, occluders, places, normals, geometric, options, progress)
+    backs = np.flatnonzero(scene.two_sided[points.faces])
+    behind = _one_side(surface, occluders, places[backs], -normals[backs], -geometric[backs], options, Progress())
+    values[backs] = np.maximum(values[backs], behind)
+    return values
+
+
+def _one_side(
+    surface: UnitSurface,
+    occluders: Occluders,
+    places: Doubles,
+    normals: Doubles,
+    geometric: Doubles,
+    options: VerifyOptions,
+    progress: Progress,
+) -> Doubles:
+    rays = rays_used(options.rays)
+    rng = np.random.default_rng(options.seed)
+    values = np.empty(len(places))
+    step = max(1, _BLOCK // rays)
+    for start in range(0, len(places), step):
+        block = slice(start, start + step)
+        upward = geometric[block].astype(np.float32)
+        directions = _hemispheres(normals[block], rays, rng)
+        in_front = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
+        origins = np.repeat((places[block] + LIFT * geometric[block]).astype(np.float32), rays, axis=0)
+        hidden = occluders.hidden(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
+        seen = in_front & ~hidden & ~surface.is_below(directions)
+        values[block] = _share(seen.sum(axis=1), in_front.sum(axis=1), rays, options.estimator)
+        progress.advance(len(upward))
+    return values
+
+
+def _share(seen: Doubles, in_front: Doubles, rays: int, estimator: Estimator) -> Doubles:
+    return seen / rays if estimator == "mean" else seen / np.maximum(in_front, 1)
+
+
+def _hemispheres(normals: Doubles, rays: int, rng: np.random.Generator) -> Floats:
+    """Draw `rays` unit directions about each of m normals, (m, rays, 3), each in its cell of a square grid.
+
+    Their density is the cosine with the normal over pi: points uniform on a disc, lifted onto the sphere.
+    """
+    side = math.isqrt(rays)
+    ring, sector = np.divmod(np.arange(rays, dtype=np.float32), np.float32(side))
+    height = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)  # 1 - cos^2
+    turn = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
+    radius = np.sqrt(height)
+    frames = np.stack([*perpendiculars(normals), normals], axis=1)
+    local = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(np.maximum(1 - height, 0))], axis=2)
+    directions: Floats = np.matmul(local, frames.astype(np.float32))
+    return directions

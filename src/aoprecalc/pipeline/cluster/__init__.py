@@ -1,1 +1,0 @@
-"""The same on the machines of a Dask cluster."""

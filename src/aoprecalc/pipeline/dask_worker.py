@@ -1,0 +1,142 @@
+"""What a worker of a cluster does for a batch: it hands jobs on to processes of its own.
+
+So a job that dies takes no worker with it, jobs of one worker do not wait for each other, and each has OpenGL in a
+process where nothing else uses it.
+"""
+
+import os
+import socket
+import threading
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import aoprecalc
+from aoprecalc.pipeline.jobs import Failure, Job, Outcome
+from aoprecalc.pipeline.visibility_task import Glance, Seen
+from aoprecalc.pipeline.workers import Child
+from aoprecalc.system import whole_cores
+
+
+@dataclass(frozen=True)
+class Place:
+    """A worker as a batch needs to know it.
+
+    version   of its aoprecalc
+    host      its machine
+    cores     that it may use
+    gpus      that it offers, as resource GPU; 0: it says nothing
+    sees      it has the folder that was asked for
+    """
+
+    version: str
+    host: str
+    cores: int
+    gpus: float
+    sees: bool
+
+
+@dataclass(frozen=True)
+class Terms:
+    """On which a batch has its work done.
+
+    batch     its name, which no other has
+    version   of aoprecalc that it expects
+    timeout   seconds for a job; None: any
+    retries   how often a job whose process died is tried again
+    """
+
+    batch: str
+    version: str
+    timeout: float | None = None
+    retries: int = 1
+
+
+@dataclass(eq=False)
+class _Party:
+    """The processes of one batch in this one, one for each thread."""
+
+    stop: threading.Event = field(default_factory=threading.Event)
+    children: dict[int, Child] = field(default_factory=dict)
+
+
+_IDLE = 60  # seconds after which a process goes that nothing was asked of: its batch may have died without a word
+
+_parties: dict[str, _Party] = {}
+
+
+def look_around(folder: str, dask_worker: Any = None) -> Place:
+    """Return what a worker, which the cluster hands over, is like; `folder` is to be seen from it."""
+    resources = dask_worker.state.total_resources
+    return Place(
+        version=aoprecalc.__version__,
+        host=socket.gethostname(),
+        cores=whole_cores(),
+        gpus=resources.get("GPU", 0),
+        sees=os.path.isdir(folder),
+    )
+
+
+def work_in_folder(job: Job, terms: Terms) -> Outcome:
+    """Do a job on files that this machine sees under the same paths."""
+    if not job.staging.parent.is_dir():
+        return Failure("error", f"{job.shown}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
+    return cast(Outcome, _ask(job, terms))
+
+
+def work_on_bytes(job: Job, inputs: dict[str, bytes], terms: Terms) -> tuple[Outcome, dict[str, bytes]]:
+    """Do a job on files that came with it; return what it made, name -> bytes, as well.
+
+    inputs   path -> bytes; all paths are as on the machine of the batch, and lie here below a folder for the time
+             being, so that the ways from one to the other are the same
+    """
+    with TemporaryDirectory(prefix="aoprecalc-") as root:
+        there = _below(job, Path(root))
+        for path, data in inputs.items():
+            file = _moved(Path(path), Path(root))
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
+        there.staging.parent.mkdir(parents=True, exist_ok=True)
+        outcome = work_in_folder(there, terms)
+        if isinstance(outcome, Failure):
+            return outcome, {}
+        return outcome, {name: file.read_bytes() for name, file in outcome.files.items()}
+
+
+def look_elsewhere(glance: Glance, subject: bytes, terms: Terms) -> Seen | Failure:
+    """Look where a glance says, at a subject that is sent by itself, once for all glances."""
+    return cast(Seen | Failure, _ask(replace(glance, subject=subject), terms))
+
+
+def end(batch: str) -> None:
+    """End the processes of a batch, for good."""
+    party = _parties.setdefault(batch, _Party())
+    party.stop.set()
+    for child in list(party.children.values()):
+        child.close_if_idle()
+
+
+def _ask(request: Job | Glance, terms: Terms) -> Any:
+    """Have this thread's process of a batch do what is asked."""
+    party = _parties.setdefault(terms.batch, _Party())
+    if terms.version != aoprecalc.__version__:
+        here = f"{socket.gethostname()} has aoprecalc {aoprecalc.__version__}"
+        return Failure("error", f"{request.shown}: {here}, {terms.version} was expected; install the same everywhere")
+    if party.stop.is_set():
+        return Failure("stopped", f"{request.shown}: was stopped")
+    child = party.children.setdefault(threading.get_ident(), Child())
+    try:
+        return child.run(request, lambda stage: None, timeout=terms.timeout, retries=terms.retries, stop=party.stop)
+    finally:
+        child.close_after(0 if party.stop.is_set() else _IDLE)
+
+
+def _below(job: Job, root: Path) -> Job:
+    """Return a job whose files lie below another root."""
+    mesh, folder, staging = (_moved(path, root) for path in (job.mesh, job.folder, job.staging))
+    return replace(job, mesh=mesh, folder=folder, staging=staging)
+
+
+def _moved(path: Path, root: Path) -> Path:
+    return root / path.relative_to(path.anchor)

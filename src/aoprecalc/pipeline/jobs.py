@@ -1,0 +1,254 @@
+"""What a batch works on: an asset, and what is to be made of it."""
+
+import os
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from aoprecalc.api.bake import bake
+from aoprecalc.api.spheres import fit_spheres
+from aoprecalc.errors import AoprecalcError, KilledError
+from aoprecalc.io import Outputs
+from aoprecalc.io.outputs import write_report
+from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.progress import Progress
+from aoprecalc.visibility.gather import OpenSight, OwnSight
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is made of one asset: a texture, spheres, or both.
+
+    bake      how the texture is baked; None: no texture
+    spheres   how spheres are fitted; None: none
+    texture   extension of the texture
+    mesh      extension of the mesh that goes with it; empty: as `aoprecalc bake` chooses
+    verify    measure the texture against ray tracing, for the report
+    set       extension of the sphere set
+    """
+
+    bake: BakeOptions | None = None
+    spheres: SphereOptions | None = None
+    texture: str = ".png"
+    mesh: str = ""
+    verify: bool = False
+    set: str = ".json"
+
+    def with_threads(self, threads: int) -> "Order":
+        """Return the same with this many threads where it says nothing about them."""
+        if self.bake is None or self.bake.threads:
+            return self
+        return replace(self, bake=replace(self.bake, threads=threads))
+
+
+@dataclass(frozen=True)
+class Asset:
+    """One mesh of a batch.
+
+    name    its folder and stem below the output folder, such as props/rock, with forward slashes; no other's
+    mesh    its file, as the pattern found it
+    order   what is made of it
+    """
+
+    name: str
+    mesh: Path
+    order: Order
+
+    @property
+    def folder(self) -> str:
+        """Its folder below the output folder; empty for that itself."""
+        return self.name.rpartition("/")[0]
+
+    @property
+    def stem(self) -> str:
+        """What its files' names begin with."""
+        return self.name.rpartition("/")[2]
+
+
+# The work on one asset: what a worker does, wherever it runs.
+
+Kind = Literal["error", "crash", "timeout", "stopped"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """The work on one asset.
+
+    name      of the asset
+    mesh      its file, absolute
+    shown     the same as messages and reports call it
+    folder    where its files are to go, absolute, and their names begin with `stem`
+    staging   where they are written, of the same file system
+    order     what is made
+    spread    address of the scheduler over whose workers the visibility is spread; None: it is not
+    """
+
+    name: str
+    mesh: Path
+    shown: str
+    folder: Path
+    stem: str
+    staging: Path
+    order: Order
+    spread: str | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of it.
+
+    files     name in the asset's folder -> where it was written
+    summary   plain JSON values: `triangles`, `warnings`, and of what was made `ao_mean`, `directions`,
+              `size`, `renderer`, `rmse`, `spheres`, `silhouette_iou`
+    seconds   that it took, tries that died included
+    """
+
+    files: dict[str, Path]
+    summary: dict[str, Any]
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why nothing came of it.
+
+    kind       error: it was refused, or the work failed; crash: its process died; timeout; stopped: by the user
+    message    one line
+    exit_code  that the command for this asset alone would have had
+    details    a traceback, where it is a fault of aoprecalc
+    seconds    that it took
+    """
+
+    kind: Kind
+    message: str
+    exit_code: int = 1
+    details: str = ""
+    seconds: float = 0.0
+
+
+Outcome = Made | Failure
+
+
+class Heard(Progress):
+    """Tells which stage a job is at, and keeps its warnings."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        """Call `tell` with each stage."""
+        self._tell = tell
+        self.warnings: list[str] = []
+
+    @contextmanager
+    def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[None]:
+        """Tell the stage."""
+        self._tell(name)
+        yield
+
+    def warn(self, text: str) -> None:
+        """Keep a warning."""
+        self.warnings.append(text)
+
+
+def own_sight(job: Job) -> AbstractContextManager[OpenSight]:
+    """Have a job's process look by itself."""
+    return nullcontext(OwnSight)
+
+
+def work(
+    job: Job,
+    tell: Callable[[str], None],
+    sight_of: Callable[[Job], AbstractContextManager[OpenSight]] = own_sight,
+) -> Outcome:
+    """Make what is asked for in the staging folder, and tell each stage; nothing is left there if it fails.
+
+    sight_of   returns, for the length of a `with` block, what makes that which sees
+    """
+    try:
+        with sight_of(job) as open_sight:
+            return _make(job, Heard(tell), open_sight)
+    except AoprecalcError as error:
+        kind: Kind = "crash" if isinstance(error, KilledError) else "error"
+        return Failure(kind, _shown(job, str(error)), error.exit_code)
+    except MemoryError:
+        return Failure("error", f"{job.shown}: out of memory; use a smaller size or fewer --jobs")
+    except OSError as error:
+        return Failure("error", f"{job.shown}: reading or writing failed ({_shown(job, str(error))}); check the disk")
+    except Exception as error:
+        said = _shown(job, f"{type(error).__name__}: {error}")
+        return Failure("error", f"{job.shown}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
+
+
+def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
+    order, folder, summary = job.order, job.folder, dict[str, Any]()
+    job.staging.mkdir(parents=True, exist_ok=True)
+    with Outputs(job.staging) as outputs:
+        if order.bake is not None:
+            baked = bake(
+                job.mesh,
+                folder / f"{job.stem}_ao{order.texture}",
+                mesh_output=folder / f"{job.stem}_ao{order.mesh}" if order.mesh else None,
+                stem=job.stem,
+                verify=order.verify,
+                outputs=outputs,
+                open_sight=open_sight,
+                options=order.bake,
+                progress=heard,
+            )
+            report = _relative(job, baked.report)
+            write_report(outputs.path(folder / f"{job.stem}_report.json"), report)
+            summary |= _of_bake(report)
+        if order.spheres is not None:
+            fitted = fit_spheres(
+                job.mesh,
+                folder / f"{job.stem}_spheres{order.set}",
+                outputs=outputs,
+                options=order.spheres,
+                progress=heard,
+            )
+            summary |= {
+                "spheres": len(fitted.spheres),
+                "silhouette_iou": round(fitted.quality["silhouette_iou"], 4),
+            }
+        files = {place.name: written for place, written in outputs.release().items()}
+    lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
+    return Made(files, {**summary, "warnings": lines})
+
+
+def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:
+    """Return a report that names all files as they lie beside it: it is the same wherever it was made."""
+    outputs = report["outputs"]
+    named = {key: Path(place).name for key, place in outputs.items() if key != "others"}
+    return {
+        **report,
+        "input": {**report["input"], "path": Path(os.path.relpath(job.mesh, job.folder)).as_posix()},
+        "outputs": {**named, "others": [Path(other).name for other in outputs["others"]]},
+        "warnings": [_called(job.mesh.name, job, line) for line in report["warnings"]],
+    }
+
+
+def _of_bake(report: dict[str, Any]) -> dict[str, Any]:
+    levels = report["verify"]["levels"] if report["verify"] else [{"rmse": None}]
+    return {
+        "triangles": report["input"]["triangles"],
+        "ao_mean": report["ao"]["mean"],
+        "directions": report["directions"],
+        "size": [report["texels"]["width"], report["texels"]["height"]],
+        "renderer": report["renderer"],
+        "unwrap": report["unwrap"]["method"],
+        "rmse": levels[0]["rmse"],
+    }
+
+
+def _shown(job: Job, text: str) -> str:
+    """Return a message with the paths that the user knows."""
+    return _called(job.shown, job, text)
+
+
+def _called(name: str, job: Job, text: str) -> str:
+    """Return a message with another name for the mesh, one alike for what lies beside it, and no folder for results."""
+    parent = os.path.dirname(name)
+    beside = f"{parent}/" if parent else ""
+    plain = text.replace(f"{job.folder}/", "").replace(str(job.mesh), name).replace(f"{job.mesh.parent}/", beside)
+    return " ".join(plain.split())

@@ -1,1 +1,0 @@
-"""Rays against triangles, by Embree through the optional package embreex."""

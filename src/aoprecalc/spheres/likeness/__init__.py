@@ -1,1 +1,0 @@
-"""How alike spheres and a mesh are: silhouettes, distances, volumes."""

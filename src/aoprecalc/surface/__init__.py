@@ -1,1 +1,0 @@
-"""The surface itself: its normals and how it hangs together."""

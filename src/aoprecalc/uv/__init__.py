@@ -1,0 +1,1 @@
+"""UV atlases: check the file's UVs, unwrap, pack, gutters."""

@@ -1,0 +1,86 @@
+"""Which UVs a bake uses, and why."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import Literal
+
+import numpy as np
+
+from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
+from aoprecalc.options import LARGE_MESH, BakeOptions
+from aoprecalc.progress import Progress
+from aoprecalc.raster.layout import MOST_TILES, Layout, as_atlas, lay_out
+from aoprecalc.raster.samples import TexelSampler
+from aoprecalc.types import Atlas, Scene, UvCheck
+from aoprecalc.uv.gutter import doubled_areas
+from aoprecalc.uv.unwrap import owns_place, unwrap
+
+Sampler = Callable[[Layout], TexelSampler]
+
+MOST_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
+
+
+def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
+    """Return the file's UVs where they can hold a bake or are asked for, else an unwrap.
+
+    sampler   makes what finds the texels of a layout
+
+    Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed,
+    AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
+    """
+    checks = []
+    if options.unwrap in ("auto", "keep"):
+        for number in range(len(scene.uv_sets)):
+            check, kept = check_uvs(sampler, scene, number, options.width, options.height)
+            checks.append(check)
+            if kept is not None:
+                return replace(kept, checks=tuple(checks))
+        faults = "; ".join(f"set {check.uv_set}: {check.fault}" for check in checks) or "it has none"
+        if len(checks) == 1:
+            faults = checks[0].fault
+        if options.unwrap == "keep":
+            raise InputError(f"{scene.path}: its UVs cannot hold a bake ({faults}); use --unwrap auto or xatlas")
+        progress.note(f"the file's UVs are not kept: {faults}" if checks else "the file has no UVs")
+    if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
+        raise UsageError("--unwrap uvunwrap: it is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
+    large = np.count_nonzero(owns_place(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
+    fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
+    size = min(options.width, options.height)
+
+    def unwrap_by(method: Literal["xatlas", "uvunwrap"]) -> Atlas:
+        atlas = unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
+        return replace(atlas, checks=tuple(checks))
+
+    try:
+        return unwrap_by("uvunwrap" if fast else "xatlas")
+    except KilledError:  # which has nothing to do with the mesh
+        raise
+    except AoprecalcError as error:
+        if not (fast and options.unwrap == "auto" and isinstance(error.__cause__, ChildProcessError)):
+            raise
+        progress.note(f"xatlas is used instead: {error}")
+        return unwrap_by("xatlas")
+
+
+def check_uvs(sampler: Sampler, scene: Scene, number: int, width: int, height: int) -> tuple[UvCheck, Atlas | None]:
+    """Look at set `number` of the file's own UVs; return what was found, and the atlas of it where it can hold a bake.
+
+    It can if, wrapped modulo 1, hardly a texel (MOST_OVERLAP of the covered ones) lies inside two triangles, no face
+    with area is without area in UV space, and none lies on more than MOST_TILES repeats of the texture.
+    """
+    uvs, placed = scene.uv_sets[number], owns_place(scene)
+    longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
+    flat = int(np.count_nonzero(placed & (doubled_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
+    tiles = int(np.ceil(uvs[placed].max(axis=1) - np.floor(uvs[placed].min(axis=1))).max())
+    if flat:
+        return UvCheck(number, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
+    if tiles > MOST_TILES:
+        fault = f"a face lies on {tiles} repeats of the texture; at most {MOST_TILES} may be"
+        return UvCheck(number, flat, tiles, None, fault), None
+    atlas = replace(as_atlas(scene, uvs, placed), uv_set=number)
+    overlap = sampler(lay_out(scene, atlas, width, height)).overlap()
+    if overlap < MOST_OVERLAP:
+        return UvCheck(number, flat, tiles, overlap, ""), atlas
+    fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
+    return UvCheck(number, flat, tiles, overlap, fault), None

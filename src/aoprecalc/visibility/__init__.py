@@ -1,0 +1,1 @@
+"""Visibility of light directions: depth maps, rays, and the estimate made of them."""

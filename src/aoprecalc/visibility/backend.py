@@ -1,0 +1,147 @@
+"""What tells which directions the samples on a surface see. There are two kinds: by maps and by rays."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Protocol
+
+from aoprecalc.errors import RendererError, UsageError
+from aoprecalc.gl.context import Renderer, open_renderer
+from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.options import BakeOptions
+from aoprecalc.progress import Progress
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.gl_rasterizer import Raster
+from aoprecalc.raster.layout import Layout
+from aoprecalc.raster.samples import Samples, TexelSampler
+from aoprecalc.types import Doubles, Floats
+from aoprecalc.visibility import rays as occluders
+from aoprecalc.visibility.depth_maps import MapObserver
+from aoprecalc.visibility.rays import RayObserver
+
+
+class Observer(Protocol):
+    """Measures visibility for samples, again and again."""
+
+    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
+        """Return what k samples see along (a, 3) axes, (k, 2) float32 sums over both directions of each.
+
+        The first is of max(0, n.w) [g.w > 0] visible(w), the second is the same without visible(w); both are 0 where
+        there is no sample. Directions done are counted on `progress`, two an axis.
+        """
+        ...
+
+
+# What a bake runs on: OpenGL, or rays where there is none or where they are asked for.
+
+
+class Backend(Protocol):
+    """Makes the two things that differ: what samples texels, and what sees from the samples.
+
+    kind   gl or ray
+    name   of the OpenGL renderer, or of the ray tracer
+    """
+
+    kind: str
+    name: str
+
+    def admit(self, options: BakeOptions) -> None:
+        """Raise UsageError for sizes that are beyond the backend."""
+        ...
+
+    def sampler(self, layout: Layout) -> TexelSampler:
+        """Return what finds the surface under the texels of a layout."""
+        ...
+
+    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+        """Return what measures the visibility of up to `most` samples at a time; only maps have a `shadow_size`."""
+        ...
+
+    def check(self) -> None:
+        """Raise RendererError if anything went wrong since the backend was opened."""
+        ...
+
+
+class MapBackend:
+    """Depth maps in an OpenGL context."""
+
+    kind = "gl"
+
+    def __init__(self, renderer: Renderer) -> None:
+        """Use a context for as long as it is open."""
+        self._renderer = renderer
+        self.name = renderer.name
+
+    def admit(self, options: BakeOptions) -> None:
+        """Hold the texture to the greatest of the renderer's; its maps never reach that."""
+        limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
+        size = max(options.width, options.height)
+        if size > limit:
+            raise UsageError(
+                f"--size {size} is beyond this renderer ({self.name}), at most {limit} was expected; "
+                "use a smaller one, or --backend ray"
+            )
+
+    def sampler(self, layout: Layout) -> TexelSampler:
+        """Return a Raster."""
+        return Raster(self._renderer.context, layout)
+
+    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+        """Return a MapObserver."""
+        self._renderer.context.gc()  # what an observer that is gone has held
+        return MapObserver(self._renderer, surface, most, shadow_size)
+
+    def check(self) -> None:
+        """Raise RendererError where OpenGL reports an error."""
+        if self._renderer.context.error != "GL_NO_ERROR":
+            raise RendererError(f"{self.name} reported an error while rendering; use smaller sizes or another driver")
+
+
+class RayBackend:
+    """Rays on the processor; no OpenGL."""
+
+    kind = "ray"
+    name = "Embree"
+
+    def __init__(self, threads: int) -> None:
+        """Cast rays by `threads`, 0 is one a core. Raises RendererError where embreex is not installed."""
+        self._threads = threads
+        occluders.require()
+
+    def admit(self, options: BakeOptions) -> None:
+        """Take any size."""
+
+    def sampler(self, layout: Layout) -> TexelSampler:
+        """Return a ScanlineRaster."""
+        return ScanlineRaster(layout)
+
+    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+        """Return a RayObserver."""
+        return RayObserver(surface, self._threads)
+
+    def check(self) -> None:
+        """Find nothing wrong: rays raise their errors at once."""
+
+
+@contextmanager
+def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
+    """Open the backend that is asked for; auto is gl, else ray if it is installed, which is said.
+
+    Raises RendererError where there is none.
+    """
+    with ExitStack() as stack:
+        yield _choose(options, progress, stack)
+
+
+def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backend:
+    if options.backend == "ray":
+        return RayBackend(options.threads)
+    try:
+        return MapBackend(stack.enter_context(open_renderer(options.threads)))
+    except RendererError as error:
+        no_rays = occluders.obstacle()
+        if no_rays is not None:
+            raise RendererError(f"{error}; or trace rays: {no_rays}") from error
+        if options.backend == "gl":
+            raise RendererError(f"{error}; or trace rays: --backend ray") from error
+        progress.note(f"rays are traced, which takes longer than maps: {error}")
+        return RayBackend(options.threads)

@@ -1,0 +1,20 @@
+"""Both rasterisers, so that the same tests hold them to the same rules."""
+
+from functools import partial
+
+import pytest
+
+from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.gl_rasterizer import Raster
+
+
+@pytest.fixture
+def on_gl(renderer):
+    """Makes a rasteriser of a layout that draws with OpenGL."""
+    return partial(Raster, renderer.context)
+
+
+@pytest.fixture(params=["gl", "scanline"])
+def rasteriser(request):
+    """Makes a rasteriser of a layout: the test runs once with each kind."""
+    return request.getfixturevalue("on_gl") if request.param == "gl" else ScanlineRaster
