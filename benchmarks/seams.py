@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.io import find_occlusion, load_scene
-from aoprecalc.mesh.normals import face_directions, shading_normals
+from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.sampling import SurfacePoints, spread_points
 from aoprecalc.mesh.topology import islands
 from aoprecalc.metrics.errors import errors_at_levels, summarise
@@ -43,17 +43,17 @@ def compare(path: Path) -> list[dict[str, object]]:
     """Return a row for each level of one mesh's texture."""
     scene = load_scene(path)
     found = find_occlusion(scene)
-    covers = face_directions(scene.corners)[1]
+    mapped = face_normals(scene.corners)[1]
     normals = shading_normals(scene)
-    points = spread_points(scene, covers, 20_000, 0)
+    points = spread_points(scene, mapped, 20_000, 0)
     truth = reference(scene, normals, points, VerifyOptions(), Progress())
     places = points.at(found.uvs)
     errors = errors_at_levels(found.values, places, truth, repeats=False, levels=LEVELS)
 
     charts = np.full(len(scene.faces), -1)
-    charts[covers] = islands(corner_ids(scene.faces[covers], found.uvs[covers]))
+    charts[mapped] = islands(corner_ids(scene.faces[mapped], found.uvs[mapped]))
     height, width = found.values.shape
-    raster = ScanlineRaster(lay_out(scene, Atlas("keep", found.uvs, covers, 0), width, height))
+    raster = ScanlineRaster(lay_out(scene, Atlas("keep", found.uvs, mapped, 0), width, height))
     texels = raster.coverage()
     samples = raster.samples(texels, (0.5, 0.5))
     there = samples.faces >= 0

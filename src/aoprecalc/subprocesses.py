@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from tempfile import TemporaryFile
 
-Look = Callable[[str], None]  # is called with the step under way, again and again; what it raises ends the work
+StepCallback = Callable[[str], None]  # is called with the step under way, again and again; what it raises ends the work
 
 POLL = 0.05  # seconds between two looks at the work
 FIRST_STEP = "starting"
@@ -41,7 +41,7 @@ class ChildKilledError(ChildProcessError):
     """The child was killed from outside, such as by a system that is out of memory."""
 
 
-def ask(command: list[str], request: bytes, look: Look) -> bytes:
+def ask(command: list[str], request: bytes, look: StepCallback) -> bytes:
     """Return the child's answer; the child is gone when this returns or raises, whatever it raises.
 
     Raises ChildProcessError with the reason, one line, where the child fails, ChildKilledError where it was killed.
@@ -64,7 +64,7 @@ def ask(command: list[str], request: bytes, look: Look) -> bytes:
     return answer
 
 
-def _listen(child: "subprocess.Popen[bytes]", look: Look) -> tuple[bytes, bytes]:
+def _listen(child: "subprocess.Popen[bytes]", look: StepCallback) -> tuple[bytes, bytes]:
     """Return all that the child writes to standard output and standard error, neither of which fills up meanwhile."""
     while True:
         try:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import Doubles, Floats, Ints, Wrap
+from aoprecalc.types import Float32Array, Float64Array, Int32Array, Wrap
 
 Indices = NDArray[np.int64]
 
@@ -22,7 +22,7 @@ def wrapped(index: Indices, size: int | Indices, wrap: Wrap) -> Indices:
 # What a renderer finds in a picture: bilinear filtering, and the levels of a mip chain.
 
 
-def bilinear(picture: Floats, uvs: Doubles, *, repeats: bool) -> Doubles:
+def bilinear(picture: Float32Array, uvs: Float64Array, *, repeats: bool) -> Float64Array:
     """Look (h, w) values up at (k, 2) UVs; returns (k,) float64.
 
     v points upwards: row 0 of the picture is at v = 1. Texel centres are at (i + 1/2) / w. Beyond them the picture
@@ -33,11 +33,11 @@ def bilinear(picture: Floats, uvs: Doubles, *, repeats: bool) -> Doubles:
     above, below, down = _neighbours((1 - uvs[:, 1]) * height, height, repeats)
     upper = picture[above, left] * (1 - across) + picture[above, right] * across
     lower = picture[below, left] * (1 - across) + picture[below, right] * across
-    found: Doubles = upper * (1 - down) + lower * down
+    found: Float64Array = upper * (1 - down) + lower * down
     return found
 
 
-def mip_chain(picture: Floats, levels: int) -> list[Floats]:
+def mip_chain(picture: Float32Array, levels: int) -> list[Float32Array]:
     """Return a picture, (h, w), and ever coarser ones: at most `levels` in all, the last possible one is 1 x 1.
 
     Sides are halved and rounded down, as OpenGL does. A coarse texel is the mean of what it covers of the finer ones:
@@ -49,7 +49,7 @@ def mip_chain(picture: Floats, levels: int) -> list[Floats]:
     return chain
 
 
-def _neighbours(place: Doubles, size: int, repeats: bool) -> tuple[Ints, Ints, Doubles]:
+def _neighbours(place: Float64Array, size: int, repeats: bool) -> tuple[Int32Array, Int32Array, Float64Array]:
     """Return the texels whose centres lie before and after places, in texels, and how far between them these are."""
     before = np.floor(place - 0.5)
     share = place - 0.5 - before
@@ -58,7 +58,7 @@ def _neighbours(place: Doubles, size: int, repeats: bool) -> tuple[Ints, Ints, D
     return first, second, share
 
 
-def _halve(picture: Floats) -> Floats:
+def _halve(picture: Float32Array) -> Float32Array:
     """Halve the number of rows."""
     count = len(picture)
     half = count // 2

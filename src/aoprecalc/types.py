@@ -16,17 +16,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Mask = NDArray[np.bool_]
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+Int32Array = NDArray[np.int32]
+BoolArray = NDArray[np.bool_]
 Wrap = Literal["repeat", "mirror", "clamp"]
 
 SWAPPED = [0, 2, 1]  # corners of a face, where a mirrored placement would turn it inside out
 
 
 @dataclass(frozen=True, eq=False)
-class Cutout:
+class AlphaMask:
     """The holes of a part whose material cuts out what is too transparent.
 
     alpha     (h, w) float32, row 0 at v = 1
@@ -36,27 +36,27 @@ class Cutout:
     wraps     what the picture does beyond [0, 1] along u and v: repeat, mirror or clamp
     """
 
-    alpha: Floats
-    uvs: Doubles
-    factors: Doubles
+    alpha: Float32Array
+    uvs: Float64Array
+    factors: Float64Array
     cutoff: float
     wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Material:
     """What light does at a part, as its material says.
 
-    glass    light passes through
+    transparent  light passes through
     unlit    ambient light has no part in its colour
-    leafy    a sheet whose back is as good to look at as its front
+    foliage  a thin sheet that is seen from both sides, such as a leaf
     cutout   None where it has no holes
     """
 
-    glass: bool = False
+    transparent: bool = False
     unlit: bool = False
-    leafy: bool = False
-    cutout: Cutout | None = None
+    foliage: bool = False
+    alpha_mask: AlphaMask | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,28 +68,28 @@ class Part:
     vertices      (stop - start, 3) int32: which of the piece's own vertices in the file stands at each corner
     source        what the reader of that kind of file needs to find the piece again; opaque to others
     names         what else a user may call it by: its groups, the nodes above it, its mesh, its material
-    look          what its material says
+    material      what its material says
     instance_of   the number of the first part that shows the same piece of the file elsewhere; None for that itself
-    repeats       the same for parts that the file cannot tell apart; None for the first of them and where it can
+    repeat_of     the same for parts that the file cannot tell apart; None for the first of them and where it can
     receives      it gets ambient occlusion
     occludes      it is in the light's way
     two_sided     its texels have the larger of the two sides' values
-    shares        the number of the part whose place in the texture it has; None where that is its own
+    uv_owner      the number of the part whose place in the texture it has; None where that is its own
     """
 
     name: str
     start: int
     stop: int
-    vertices: Ints
+    vertices: Int32Array
     source: object = None
     names: frozenset[str] = frozenset()
-    look: Look = field(default_factory=Look)
+    material: Material = field(default_factory=Material)
     instance_of: int | None = None
-    repeats: int | None = None
+    repeat_of: int | None = None
     receives: bool = True
     occludes: bool = True
     two_sided: bool = False
-    shares: int | None = None
+    uv_owner: int | None = None
 
     @property
     def faces(self) -> slice:
@@ -115,44 +115,44 @@ class Scene:
 
     path: Path
     kind: str
-    positions: Doubles
-    faces: Ints
-    normals: Floats | None
-    uv_sets: tuple[Doubles, ...]
+    positions: Float64Array
+    faces: Int32Array
+    normals: Float32Array | None
+    uv_sets: tuple[Float64Array, ...]
     parts: tuple[Part, ...]
     document: object = None
     warnings: tuple[str, ...] = ()
     floor: tuple[float, float, float] | None = None
 
     @property
-    def corners(self) -> Doubles:
+    def corners(self) -> Float64Array:
         """(f, 3, 3) float64: the positions of each face's corners."""
         return self.positions[self.faces]
 
     @property
-    def uvs(self) -> Doubles | None:
+    def uvs(self) -> Float64Array | None:
         """The first set of UVs; None where the file has none."""
         return self.uv_sets[0] if self.uv_sets else None
 
-    def of_parts(self, values: Iterable[bool]) -> Mask:
+    def per_face(self, values: Iterable[bool]) -> BoolArray:
         """Give each face what its part has, (f,) bool."""
         sizes = [part.stop - part.start for part in self.parts]
         return np.repeat(np.fromiter(values, bool), sizes)
 
     @property
-    def receives(self) -> Mask:
+    def receives(self) -> BoolArray:
         """(f,) bool: the faces that get ambient occlusion."""
-        return self.of_parts(part.receives for part in self.parts)
+        return self.per_face(part.receives for part in self.parts)
 
     @property
-    def occludes(self) -> Mask:
+    def occludes(self) -> BoolArray:
         """(f,) bool: the faces that are in the light's way, but for the holes of cut-outs."""
-        return self.of_parts(part.occludes for part in self.parts)
+        return self.per_face(part.occludes for part in self.parts)
 
     @property
-    def two_sided(self) -> Mask:
+    def two_sided(self) -> BoolArray:
         """(f,) bool: the faces whose texels have the larger of the two sides' values."""
-        return self.of_parts(part.two_sided for part in self.parts)
+        return self.per_face(part.two_sided for part in self.parts)
 
 
 @dataclass(frozen=True)
@@ -179,17 +179,17 @@ class Atlas:
 
     method     keep, xatlas or uvunwrap
     uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `wraps`
-    covers     (f,) bool: faces that have a place of their own in the texture; those without area have none
+    mapped     (f,) bool: faces that have a place of their own in the texture; those without area have none
     charts     how many connected islands there are
     wraps      some uvs lie outside [0, 1]: the texture repeats
     gutter     texels kept free between charts when they were packed; None for UVs that were kept
     uv_set     the number of the set that was kept; None for new UVs
-    checks     what was found about the file's own sets, as far as they were looked at
+    checks     what was found about the file's own sets, as far as they were checked
     """
 
     method: str
-    uvs: Doubles
-    covers: Mask
+    uvs: Float64Array
+    mapped: BoolArray
     charts: int
     wraps: bool = False
     gutter: int | None = None
@@ -207,12 +207,12 @@ class Texels:
 
     width: int
     height: int
-    index: Ints
+    index: Int32Array
 
     def __len__(self) -> int:
         return len(self.index)
 
-    def some(self, chosen: slice | Mask) -> "Texels":
+    def select(self, chosen: slice | BoolArray) -> "Texels":
         """Return those of a run, or of a (k,) mask."""
         return Texels(self.width, self.height, self.index[chosen])
 
@@ -225,8 +225,8 @@ class Texture:
     valid    (height, width) bool: texels that the surface covers and whose value was measured
     """
 
-    values: Floats
-    valid: Mask
+    values: Float32Array
+    valid: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ class Baked:
     scene: Scene
     texture: Texture
     atlas: Atlas
-    normals: Floats
+    normals: Float32Array
     directions: int
     error: float | None
     unseen: float
@@ -276,8 +276,8 @@ class SphereSet:
     parents      (n,) int32: the number of the coarser sphere to which each sphere belongs; None without a coarser level
     """
 
-    centers: Doubles
-    radii: Doubles
+    centers: Float64Array
+    radii: Float64Array
     iterations: int
     converged: bool
     method: str
@@ -286,7 +286,7 @@ class SphereSet:
     seed: int
     guarded: int = 0
     coarser: "SphereSet | None" = None
-    parents: Ints | None = None
+    parents: Int32Array | None = None
 
     def __len__(self) -> int:
         return len(self.radii)

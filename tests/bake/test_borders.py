@@ -35,7 +35,7 @@ def texels_from_border(made, atlas, uvs, size):
 def test_look_ups_beside_a_border_are_hardly_worse_than_inside(shape):
     made = scene(*torus()) if shape == "torus" else scene(*join(bowl(), box((-0.3, -0.25, -0.75), (0.25, 0.3, -0.2))))
     baked = bake_scene(made, BakeOptions(128, 128))
-    points = spread_points(made, baked.atlas.covers, 4000, seed=1)
+    points = spread_points(made, baked.atlas.mapped, 4000, seed=1)
     uvs = points.at(baked.atlas.uvs)
     truth = reference(made, baked.normals, points, VerifyOptions(rays=1024), Progress())
     errors = bilinear(baked.texture.values, uvs, repeats=False) - truth

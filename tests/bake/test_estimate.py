@@ -62,7 +62,7 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
     for estimator, expected in (("ratio", 1.0), ("mean", (1 + np.cos(0.8)) / 2)):
         options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator)
         baked = bake_scene(plane, options)
-        points = spread_points(plane, baked.atlas.covers, 2000, seed=0)
+        points = spread_points(plane, baked.atlas.mapped, 2000, seed=0)
         found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=False)
         assert found == pytest.approx(expected, abs=0.003)
         assert found.mean() == pytest.approx(expected, abs=5e-4)

@@ -14,7 +14,7 @@ from aoprecalc.texture_lookup import bilinear
 from aoprecalc.visibility import backend
 from aoprecalc.visibility import depth_maps as near_far
 from aoprecalc.visibility import gather as gathering
-from aoprecalc.visibility import setup as portion
+from aoprecalc.visibility import setup as texels_per_chunk
 from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
 OPTIONS = BakeOptions(width=96, height=96, directions=512, shadow_size=512)
@@ -89,12 +89,12 @@ def test_portions_change_no_bit(kind, monkeypatch):
     """Of which the last is smaller, and whose texels lie in some bands only."""
     made = scene(*still_life())
     options = BakeOptions(96, 96, directions=130, shadow_size=128, backend=kind)
-    monkeypatch.setattr(portion, "PART", 1000)
-    monkeypatch.setattr(gathering, "PART", 1000)
+    monkeypatch.setattr(texels_per_chunk, "FIT_CHUNK", 1000)
+    monkeypatch.setattr(gathering, "FIT_CHUNK", 1000)
     monkeypatch.setattr(samples, "BAND_TEXELS", 20 * 96)
     pictures = []
     for parts in (100, 3, 1):
-        monkeypatch.setattr(portion, "_MOST_PARTS", parts)
+        monkeypatch.setattr(texels_per_chunk, "_MOST_PARTS", parts)
         pictures.append(bake_scene(made, options).texture.values.tobytes())
     assert pictures[0] == pictures[1] == pictures[2]
 

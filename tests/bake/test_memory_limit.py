@@ -10,7 +10,7 @@ import trimesh
 
 from aoprecalc.errors import UsageError
 from aoprecalc.visibility import setup as portions
-from aoprecalc.visibility.setup import PART, portion, runs
+from aoprecalc.visibility.setup import FIT_CHUNK, texels_per_chunk
 
 MEGABYTE = 1 << 20
 
@@ -18,22 +18,23 @@ MEGABYTE = 1 << 20
 def test_a_portion_shrinks_with_the_limit_and_is_made_of_whole_parts(monkeypatch):
     monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
     found = [
-        portion(mb * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000) for mb in (1615, 1640, 1700, 1800, 9000)
+        texels_per_chunk(mb * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+        for mb in (1615, 1640, 1700, 1800, 9000)
     ]
     assert found == sorted(found)
-    assert found[0] == PART
-    assert found[-1] == portion(None, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
-    assert all(texels % PART == 0 for texels in found)
+    assert found[0] == FIT_CHUNK
+    assert found[-1] == texels_per_chunk(None, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+    assert all(texels % FIT_CHUNK == 0 for texels in found)
 
 
 def test_a_limit_that_cannot_be_kept_is_refused(monkeypatch):
     monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
     with pytest.raises(UsageError, match=r"--memory-limit is 500M; 4096 x 4096 texels of this mesh need \d+M"):
-        portion(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+        texels_per_chunk(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
 
 
 def test_parts_cover_everything_once():
-    assert [(run.start, run.stop) for run in runs(2500, 1000)] == [(0, 1000), (1000, 2000), (2000, 2500)]
+    assert [(run.start, run.stop) for run in chunks(2500, 1000)] == [(0, 1000), (1000, 2000), (2000, 2500)]
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="the system does not tell how much memory a child has held")

@@ -41,7 +41,7 @@ def test_two_levels_are_as_good_as_without_seams():
     baked = bake_scene(made, BakeOptions(SIZE, SIZE, directions=256, fill="none"))
     assert baked.atlas.gutter >= 8
     of_face, of_texel = charts(made, baked.atlas, baked.texture)
-    points = spread_points(made, baked.atlas.covers, 20_000, seed=1)
+    points = spread_points(made, baked.atlas.mapped, 20_000, seed=1)
     uvs = points.at(baked.atlas.uvs)
     ideal = np.empty((LEVELS, len(uvs)))
     for chart in range(baked.atlas.charts):

@@ -12,7 +12,7 @@ from aoprecalc.metrics.reference import reference
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.types import Cutout, Look
+from aoprecalc.types import AlphaMask, Material
 from shapes import ball, box, clutter, dented, quad, quad_uvs, scene, scene_of_parts, torus, triangle_a_cell
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])
@@ -35,15 +35,15 @@ def with_part(made, number, **changes):
 
 def on_part(baked, number, count=400):
     """Values of the texture at points spread over one part, and these points."""
-    covers = np.zeros(len(baked.scene.faces), bool)
-    covers[baked.scene.parts[number].faces] = True
-    points = spread_points(baked.scene, covers & baked.atlas.covers, count, 0)
+    mapped = np.zeros(len(baked.scene.faces), bool)
+    mapped[baked.scene.parts[number].faces] = True
+    points = spread_points(baked.scene, mapped & baked.atlas.mapped, count, 0)
     return bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=False), points
 
 
 @backends
 def test_a_ball_in_a_glass_ball_is_open_and_in_an_opaque_one_closed(backend):
-    made = with_part(scene_of_parts(ball(2), ball(3, 2.0)), 1, look=Look(glass=True))
+    made = with_part(scene_of_parts(ball(2), ball(3, 2.0)), 1, material=Material(transparent=True))
     open_inside, closed = (bake(made, backend, glass_occludes=occludes) for occludes in (False, True))
     assert on_part(open_inside, 0)[0].min() == 1
     assert on_part(closed, 0)[0].max() <= 1.5 * ONE_STEP
@@ -87,7 +87,7 @@ def test_what_is_excluded_is_as_if_it_were_not_there(backend):
     whole = bake(alone, backend, unwrap="keep")
     assert values(whole).min() < 0.7
     without = bake(made, backend, unwrap="keep", exclude=("part 1", "part 2"))
-    assert without.atlas.covers.tolist() == [True] * count + [False] * 24
+    assert without.atlas.mapped.tolist() == [True] * count + [False] * 24
     assert np.array_equal(without.texture.valid, whole.texture.valid)
     assert np.abs(without.texture.values - whole.texture.values).max() < 1e-6
     hidden = bake(made, backend, unwrap="keep", occluders_only=("part 1", "part 2"))
@@ -102,8 +102,8 @@ def test_a_ball_in_a_box_with_holes_sees_as_much_as_the_holes_let_through(backen
     uvs = np.tile(quad_uvs((0, 0), (1, 1)), (6, 1, 1))
     made = scene_of_parts(ball(3), *walls)
     for number in range(6):
-        cutout = Cutout(alpha.astype(np.float32), uvs[:2], np.ones((2, 3)), 0.5)
-        made = with_part(made, number + 1, look=Look(cutout=cutout))
+        alpha_mask = AlphaMask(alpha.astype(np.float32), uvs[:2], np.ones((2, 3)), 0.5)
+        made = with_part(made, number + 1, material=Material(alpha_mask=alpha_mask))
     options = {"directions": 2000, "occluders_only": tuple(f"part {n}" for n in range(1, 7))}
     baked = bake(made, backend, **options)
     # Through holes spread over the box as evenly as here the ball sees three quarters of the sky, more or less.
@@ -119,13 +119,13 @@ def test_only_leafy_parts_have_the_lighter_of_their_sides(backend):
     """Two pairs of squares, each with a roof close above the front of one of them."""
     sheets = [quad((x, 0, 0), (1, 0, 0), (0, 1, 0)) for x in (0, 5)]
     roofs = [quad((x - 2, -2, 0.02), (5, 0, 0), (0, 5, 0)) for x in (0, 5)]
-    made = with_part(scene_of_parts(*sheets, *roofs), 1, look=Look(leafy=True))
+    made = with_part(scene_of_parts(*sheets, *roofs), 1, material=Material(foliage=True))
     baked = bake(made, backend, occluders_only=("part 2", "part 3"), padding=2)
-    plain, leafy = (on_part(baked, number)[0] for number in (0, 1))
+    plain, foliage = (on_part(baked, number)[0] for number in (0, 1))
     assert plain.max() < 0.05
-    assert leafy.min() == 1
+    assert foliage.min() == 1
     asked = VerifyOptions(rays=256, occluders_only=("part 2", "part 3"))
-    for number, values_there in ((0, plain), (1, leafy)):
+    for number, values_there in ((0, plain), (1, foliage)):
         points = on_part(baked, number)[1]
         truth = reference(assign_roles(made, asked), baked.normals, points, asked, Progress())
         assert np.abs(truth - values_there).max() < 0.05
@@ -142,14 +142,14 @@ def cube_walls(half):
 
 @backends
 def test_without_any_occluder_all_is_open(backend):
-    made = with_part(scene(*dented(3)), 0, look=Look(glass=True))
+    made = with_part(scene(*dented(3)), 0, material=Material(transparent=True))
     assert (values(bake(made, backend)) == 1).all()
 
 
 @backends
 def test_the_reference_knows_glass_floors_and_what_is_excluded(backend):
     shapes = dented(3), box((-1, 1.2, -1), (1, 3, 1)), box((1.2, -1, -1), (3, 1, 1)), box((-3, -1, -1), (-1.2, 1, 1))
-    made = with_part(scene_of_parts(*shapes), 1, look=Look(glass=True))
+    made = with_part(scene_of_parts(*shapes), 1, material=Material(transparent=True))
     options = {"ground": True, "exclude": ("part 2",)}
     baked = bake(made, backend, width=512, height=512, **options)
     found, points = on_part(baked, 0, 2000)
@@ -170,7 +170,7 @@ def test_instances_that_share_have_the_mean_of_what_they_see(backend):
     for directions, error in ((256, 0.05), (1000, 0.015), (4000, 0.01)):
         baked = bake(made, backend, instances="share", occluders_only=("part 2",), directions=directions)
         assert np.sqrt(((values(baked) - 0.5) ** 2).mean()) < error
-    assert baked.atlas.covers.sum() == len(ball(2)[1])
+    assert baked.atlas.mapped.sum() == len(ball(2)[1])
     apart = bake(made, backend, occluders_only=("part 2",))
     assert on_part(apart, 0)[0].min() == 1
     assert on_part(apart, 1)[0].max() <= 1.5 * ONE_STEP

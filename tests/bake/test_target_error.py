@@ -11,9 +11,9 @@ from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.uv.unwrap import unwrap
-from aoprecalc.visibility.backend import MapBackend
-from aoprecalc.visibility.gather import OwnSight, gather
-from aoprecalc.visibility.setup import Site, Subject
+from aoprecalc.visibility.backend import GLBackend
+from aoprecalc.visibility.gather import LocalVisibility, gather
+from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 from shapes import bowl, box, cap, clutter, join, scene, torus
 
 SIZE = 80
@@ -53,10 +53,10 @@ def gathered(shape, directions, **options):
     made, atlas = atlas_of(shape)
     given = BakeOptions(SIZE, SIZE, directions=directions, **options)
     with open_renderer() as renderer:
-        backend = MapBackend(renderer)
-        site = Site(backend, Subject(made, atlas, shading_normals(made), given))
+        backend = GLBackend(renderer)
+        site = BakeSetup(backend, BakeInputs(made, atlas, shading_normals(made), given))
         (side,) = site.sides
-        found = gather(site, side, OwnSight(site, side, 128, len(side.texels), Progress()), len(side.texels))
+        found = gather(site, side, LocalVisibility(site, side, 128, len(side.texels), Progress()), len(side.texels))
         backend.check()
     return found
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
 from aoprecalc.raster.layout import lay_out
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.types import Atlas
-from aoprecalc.visibility.depth_maps import MapObserver
+from aoprecalc.visibility.depth_maps import DepthMapTester
 from aoprecalc.visibility.directions import axes
 from aoprecalc.visibility.projection import extreme_points, project
-from aoprecalc.visibility.rays import RayObserver
+from aoprecalc.visibility.rays import RayTester
 from shapes import clutter, scene, triangle_a_cell
 
 SIZE = 40
@@ -46,7 +46,7 @@ def still(seed):
     made = scene(positions, faces)
     atlas = Atlas("keep", triangle_a_cell(len(faces)), np.ones(len(faces), bool), len(faces))
     sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
-    return UnitSurface.of(made, shading_normals(made, "smooth", 40)), sampler.samples(sampler.coverage(), CENTER)
+    return NormalizedSurface.of(made, shading_normals(made, "smooth", 40)), sampler.samples(sampler.coverage(), CENTER)
 
 
 def expected(surface, samples):
@@ -64,11 +64,11 @@ def test_maps_and_rays_agree_with_slow_rays(renderer, seed):
     surface, samples = still(seed)
     slow = expected(surface, samples)
     # What differs by maps is within a map texel of a silhouette or a crease; by rays, where they graze an edge.
-    for observer, mean, for_90, for_99 in (
-        (MapObserver(renderer, surface, len(samples.faces), 2048), 1e-3, 1e-4, 0.02),
-        (RayObserver(surface), 1e-4, 2e-7, 2e-7),
+    for tester, mean, for_90, for_99 in (
+        (DepthMapTester(renderer, surface, len(samples.faces), 2048), 1e-3, 1e-4, 0.02),
+        (RayTester(surface), 1e-4, 2e-7, 2e-7),
     ):
-        fast = observer.look(samples, AXES, Progress())
+        fast = tester.accumulate(samples, AXES, Progress())
         assert fast[:, 1] == pytest.approx(slow[:, 1], rel=3e-5)
         difference = np.abs(fast[:, 0] / fast[:, 1] - slow[:, 0] / slow[:, 1])
         assert difference.mean() < mean

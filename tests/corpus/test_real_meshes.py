@@ -53,9 +53,9 @@ def test_the_toy_car_agrees_with_its_authored_maps(toy_car, part, least):
     scene, baked = toy_car
     chosen = next(entry for entry in scene.parts if entry.name == part)
     authored = gltf_occlusion(scene.document, chosen)
-    covers = np.zeros(len(scene.faces), bool)
-    covers[chosen.faces] = True
-    points = spread_points(scene, covers & baked.atlas.covers, 10_000, 0)
+    mapped = np.zeros(len(scene.faces), bool)
+    mapped[chosen.faces] = True
+    points = spread_points(scene, mapped & baked.atlas.mapped, 10_000, 0)
     uvs = np.zeros((len(scene.faces), 3, 2))
     uvs[chosen.faces] = authored.uvs
     wanted = bilinear(authored.picture.read(), points.at(uvs), repeats=True)

@@ -11,7 +11,7 @@ def receivers(baked: Baked) -> set[tuple[int, int]]:
     return {
         (part.source.node, part.source.primitive)
         for part in baked.scene.parts
-        if part.receives and (part.shares is not None or baked.atlas.covers[part.faces].any())
+        if part.receives and (part.uv_owner is not None or baked.atlas.mapped[part.faces].any())
     }
 
 

@@ -52,20 +52,20 @@ def picture(gltf, tmp_path):
 )
 def test_glass_and_unlit(gltf, material, glass, unlit):
     found = look(gltf, material)
-    assert (found.glass, found.unlit, found.leafy, found.cutout) == (glass, unlit, False, None)
+    assert (found.transparent, found.unlit, found.foliage, found.alpha_mask) == (glass, unlit, False, None)
 
 
 @pytest.mark.parametrize(
     ("mode", "double", "leafy"), [("MASK", True, True), ("MASK", False, False), ("OPAQUE", True, False)]
 )
-def test_double_sided_cut_outs_are_leafy(gltf, mode, double, leafy):
-    assert look(gltf, {"alphaMode": mode, "doubleSided": double}).leafy == leafy
+def test_double_sided_cut_outs_are_leafy(gltf, mode, double, foliage):
+    assert look(gltf, {"alphaMode": mode, "doubleSided": double}).foliage == foliage
 
 
 def test_a_primitive_without_material_is_plain(gltf):
     gltf.node(mesh=gltf.mesh({"attributes": {"POSITION": gltf.accessor(TRIANGLE)}}))
     found = gltf.load().parts[0].look
-    assert (found.glass, found.unlit, found.cutout) == (False, False, None)
+    assert (found.transparent, found.unlit, found.alpha_mask) == (False, False, None)
 
 
 def test_holes_come_from_picture_factor_and_vertex_colour(gltf, picture):
@@ -78,11 +78,11 @@ def test_holes_come_from_picture_factor_and_vertex_colour(gltf, picture):
     built = primitive(gltf, material, TEXCOORD_0=uvs)
     built["attributes"]["COLOR_0"] = color_index
     gltf.node(mesh=gltf.mesh(built))
-    cutout = gltf.load().parts[0].look.cutout
-    assert cutout.alpha == pytest.approx(np.array([[0, 64], [128, 255]]) / 255)
-    assert cutout.uvs[0].tolist() == [[0, 1], [1, 1], [0, -1]]
-    assert cutout.factors[0] == pytest.approx([0.5, 0.1, 0])
-    assert (cutout.cutoff, cutout.wraps) == (0.25, ("clamp", "mirror"))
+    alpha_mask = gltf.load().parts[0].look.alpha_mask
+    assert alpha_mask.alpha == pytest.approx(np.array([[0, 64], [128, 255]]) / 255)
+    assert alpha_mask.uvs[0].tolist() == [[0, 1], [1, 1], [0, -1]]
+    assert alpha_mask.factors[0] == pytest.approx([0.5, 0.1, 0])
+    assert (alpha_mask.cutoff, alpha_mask.wraps) == (0.25, ("clamp", "mirror"))
 
 
 def test_a_texture_transform_moves_the_holes(gltf, picture):
@@ -96,8 +96,8 @@ def test_a_texture_transform_moves_the_holes(gltf, picture):
         TEXCOORD_0=uvs + 5,
         TEXCOORD_1=uvs,
     )
-    assert found.cutout.uvs[0] == pytest.approx(np.array([[0.5, 0.75], [0.5, 2.75], [3.5, 0.75]]))
-    assert found.cutout.cutoff == 0.5
+    assert found.alpha_mask.uvs[0] == pytest.approx(np.array([[0.5, 0.75], [0.5, 2.75], [3.5, 0.75]]))
+    assert found.alpha_mask.cutoff == 0.5
 
 
 def test_a_picture_without_alpha_has_no_holes_and_a_missing_one_is_told(gltf, tmp_path):
@@ -109,7 +109,7 @@ def test_a_picture_without_alpha_has_no_holes_and_a_missing_one_is_told(gltf, tm
         uvs = np.zeros((3, 2), "<f4")
         gltf.node(mesh=gltf.mesh(primitive(gltf, {"alphaMode": "MASK", "pbrMetallicRoughness": color}, TEXCOORD_0=uvs)))
     scene = gltf.load("made.gltf")
-    assert [part.look.cutout.alpha.min() for part in scene.parts] == [1, 1, 1]
+    assert [part.material.alpha_mask.alpha.min() for part in scene.parts] == [1, 1, 1]
     assert ["holes are not known" in line for line in scene.warnings] == [True, True]
     assert "none.png" in scene.warnings[0]
     assert "texture 2 has no picture" in scene.warnings[1]
@@ -121,7 +121,7 @@ def test_a_mirrored_part_has_its_holes_where_its_corners_are(gltf, picture):
     built = primitive(gltf, {"alphaMode": "MASK", "pbrMetallicRoughness": color}, TEXCOORD_0=uvs)
     gltf.node(mesh=gltf.mesh(built), scale=[-1, 1, 1])
     scene = gltf.load()
-    assert np.array_equal(scene.parts[0].look.cutout.uvs, scene.uvs)
+    assert np.array_equal(scene.parts[0].look.alpha_mask.uvs, scene.uvs)
     assert (scene.corners[0] * (-1, 1, 1)).tolist() == TRIANGLE[[0, 2, 1]].tolist()
 
 
@@ -169,7 +169,7 @@ def test_a_node_that_repeats_its_mesh_is_there_as_often(gltf):
     ]
     assert scene.corners == pytest.approx(np.array(expected))
     assert [part.instance_of for part in scene.parts] == [None, 0, 0, 0]
-    assert [part.repeats for part in scene.parts] == [None, None, 1, 1]
+    assert [part.repeat_of for part in scene.parts] == [None, None, 1, 1]
     repeated["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = gltf.accessor(np.ones((2, 3), "<f4"))
     with pytest.raises(InputError, match="rows of different numbers"):
         gltf.load()

@@ -113,9 +113,9 @@ def test_corners_have_the_places_and_normals_of_the_bake(trip):
     baked, back = trip.result.baked, load_scene(trip.result.mesh_path)
     assert back.corners == pytest.approx(baked.scene.corners, abs=1e-6)
     for old, new in zip(baked.scene.parts, back.parts, strict=True):
-        place = old if old.shares is None else baked.scene.parts[old.shares]
-        if baked.atlas.covers[place.faces].any():
+        place = old if old.uv_owner is None else baked.scene.parts[old.uv_owner]
+        if baked.atlas.mapped[place.faces].any():
             uvs = gltf_occlusion(back.document, new).uvs
-            covered = baked.atlas.covers[place.faces]
+            covered = baked.atlas.mapped[place.faces]
             assert uvs[covered] == pytest.approx(baked.atlas.uvs[place.faces][covered], abs=1e-6)
             assert back.normals[new.faces] == pytest.approx(baked.normals[old.faces], abs=1e-5)

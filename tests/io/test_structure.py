@@ -440,7 +440,7 @@ def test_instances_that_share_a_place_have_its_uvs(gltf_cube, write, suffix):
     gltf.node(mesh=mesh, translation=[5, 0, 0], scale=[-1, 1, 1])
     gltf.node(mesh=gltf.mesh(primitive), translation=[0, 9, 0], name="not baked")
     scene = assign_roles(gltf.load(), BakeOptions(exclude=("not baked",)), share=True)
-    assert [part.shares for part in scene.parts] == [None, 0, None]
+    assert [part.uv_owner for part in scene.parts] == [None, 0, None]
     atlas = fresh(scene)
     atlas.uvs[12:] = 0
     path, warnings = write(scene, f"a{suffix}", atlas, scene.normals)
@@ -507,9 +507,9 @@ def test_faces_without_area_do_not_cut_what_they_belong_to(save, write):
     text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 2\nf 1 2\nf 2 3 4 1\n"
     scene = load_scene(save("a.obj", text))
     atlas = fresh(scene)
-    covers = np.array([True, True, False, True, True])
-    atlas.uvs[~covers] = 0
-    made = Obj(write(scene, "b.obj", replace(atlas, covers=covers), smooth(scene))[0])
+    mapped = np.array([True, True, False, True, True])
+    atlas.uvs[~mapped] = 0
+    made = Obj(write(scene, "b.obj", replace(atlas, mapped=mapped), smooth(scene))[0])
     assert [[v for v, _, _ in face] for face in made.faces] == [[1, 2, 3, 4], [1, 2, 2], [2, 3, 4, 1]]
 
 

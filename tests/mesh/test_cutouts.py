@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from aoprecalc.mesh.normals import area_vectors
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
-from aoprecalc.types import Cutout, Look
+from aoprecalc.types import AlphaMask, Material
 from shapes import box, join, quad, quad_uvs, rotation, scene
 
 PAD = {"repeat": "wrap", "mirror": "symmetric", "clamp": "edge"}
@@ -17,16 +17,16 @@ PAD = {"repeat": "wrap", "mirror": "symmetric", "clamp": "edge"}
 def pierced(made, alpha, uvs, factors=None, cutoff=0.5, wraps=("repeat", "repeat")):
     """Give all of a scene the holes of one cut-out."""
     factors = np.ones((len(made.faces), 3)) if factors is None else np.asarray(factors, float)
-    cutout = Cutout(np.asarray(alpha, np.float32), np.asarray(uvs, float), factors, cutoff, wraps)
-    return with_cutout(made, cutout)
+    alpha_mask = AlphaMask(np.asarray(alpha, np.float32), np.asarray(uvs, float), factors, cutoff, wraps)
+    return with_cutout(made, alpha_mask)
 
 
-def with_cutout(made, cutout):
-    return replace(made, parts=(replace(made.parts[0], look=Look(cutout=cutout)),))
+def with_cutout(made, alpha_mask):
+    return replace(made, parts=(replace(made.parts[0], material=Material(alpha_mask=alpha_mask)),))
 
 
 def cutout_of(made):
-    return made.parts[0].look.cutout
+    return made.parts[0].look.alpha_mask
 
 
 def card(alpha, low=(0, 0), high=(1, 1), **more):
@@ -64,12 +64,12 @@ def area(corners):
     return np.linalg.norm(area_vectors(corners), axis=1).sum() / 2
 
 
-def slow_alpha(cutout, uvs, reach=3):
+def slow_alpha(alpha_mask, uvs, reach=3):
     """Bilinear alpha at (m, 2) UVs within `reach` of 0, in a picture that is laid out as often."""
-    alpha = cutout.alpha.astype(float)
+    alpha = alpha_mask.alpha.astype(float)
     height, width = alpha.shape
-    alpha = np.pad(alpha, ((0, 0), (reach * width,) * 2), PAD[cutout.wraps[0]])
-    alpha = np.pad(alpha, ((reach * height,) * 2, (0, 0)), PAD[cutout.wraps[1]])
+    alpha = np.pad(alpha, ((0, 0), (reach * width,) * 2), PAD[alpha_mask.wraps[0]])
+    alpha = np.pad(alpha, ((reach * height,) * 2, (0, 0)), PAD[alpha_mask.wraps[1]])
     places = (1 - uvs[:, 1] + reach) * height - 0.5, (uvs[:, 0] + reach) * width - 0.5
     return map_coordinates(alpha, places, order=1)
 
@@ -89,13 +89,13 @@ def count_over(points, corners):
 def compare(made, seed, points=1500, **more):
     """Random points: which are opaque, and in how many of the pieces each is."""
     pieces = opaque_triangles(made, **more)
-    cutout = cutout_of(made)
+    alpha_mask = cutout_of(made)
     rng = np.random.default_rng(seed)
     opaque, found = [], []
     for number, corners in enumerate(made.corners):
         weights = rng.dirichlet((1, 1, 1), points)
-        alpha = slow_alpha(cutout, weights @ cutout.uvs[number]) * (weights @ cutout.factors[number])
-        opaque.append(alpha >= cutout.cutoff)
+        alpha = slow_alpha(alpha_mask, weights @ alpha_mask.uvs[number]) * (weights @ alpha_mask.factors[number])
+        opaque.append(alpha >= alpha_mask.cutoff)
         found.append(count_over((weights @ corners)[:, :2], pieces[np.rint(pieces[:, 0, 2]) == number]))
     return np.concatenate(opaque), np.concatenate(found)
 
@@ -176,9 +176,9 @@ def test_a_slope_of_factors_is_cut_by_one_straight_line():
 def test_the_pieces_and_the_holes_are_the_whole(seed):
     # In steps that floats know, so that the opposite is just that.
     made = triangles(seed, np.round(clouds(seed, (32, 32), 1.5) * 255) / 256)
-    cutout = replace(cutout_of(made), factors=np.ones((12, 3)))
-    opposite = replace(cutout, alpha=1 - cutout.alpha)
-    both = [opaque_triangles(with_cutout(made, some)) for some in (cutout, opposite)]
+    alpha_mask = replace(cutout_of(made), factors=np.ones((12, 3)))
+    opposite = replace(alpha_mask, alpha=1 - alpha_mask.alpha)
+    both = [opaque_triangles(with_cutout(made, some)) for some in (alpha_mask, opposite)]
     assert area(np.concatenate(both)) == pytest.approx(area(made.corners), rel=1e-9)
 
 
@@ -268,10 +268,10 @@ def test_only_what_occludes_is_there():
     shapes = [quad((0, 0, z), (1, 0, 0), (0, 1, 0)) for z in range(4)]
     made = scene(*join(*shapes))
     uvs = quad_uvs((0, 0), (1, 1))
-    hole = Cutout(np.array([[1, 0]], np.float32), uvs, np.ones((2, 3)), 0.5, ("clamp", "clamp"))
-    looks = [Look(), Look(cutout=hole), Look(cutout=hole), Look()]
+    hole = AlphaMask(np.array([[1, 0]], np.float32), uvs, np.ones((2, 3)), 0.5, ("clamp", "clamp"))
+    looks = [Material(), Material(alpha_mask=hole), Material(alpha_mask=hole), Material()]
     parts = tuple(
-        replace(made.parts[0], start=2 * n, stop=2 * n + 2, look=looks[n], occludes=n in (0, 1)) for n in range(4)
+        replace(made.parts[0], start=2 * n, stop=2 * n + 2, material=looks[n], occludes=n in (0, 1)) for n in range(4)
     )
     pieces = opaque_triangles(replace(made, parts=parts))
     assert np.array_equal(pieces[:2], made.corners[:2])
@@ -283,12 +283,12 @@ def test_parts_keep_their_own_pictures_and_cutoffs():
     made = scene(*join(*(quad((0, 0, z), (1, 0, 0), (0, 1, 0)) for z in range(3))))
     ramp = (np.arange(8, dtype=np.float32)[None] + 0.5) / 8
     cutouts = [
-        Cutout(alpha, quad_uvs((0, 0), (1, 1)), np.ones((2, 3)), cutoff, ("clamp", "clamp"))
+        AlphaMask(alpha, quad_uvs((0, 0), (1, 1)), np.ones((2, 3)), cutoff, ("clamp", "clamp"))
         for alpha, cutoff in ((ramp, 0.25), (ramp, 0.75), (ramp**2, 0.25))
     ]
     parts = tuple(
-        replace(made.parts[0], start=2 * n, stop=2 * n + 2, look=Look(cutout=cutout))
-        for n, cutout in enumerate(cutouts)
+        replace(made.parts[0], start=2 * n, stop=2 * n + 2, material=Material(alpha_mask=alpha_mask))
+        for n, alpha_mask in enumerate(cutouts)
     )
     pieces = opaque_triangles(replace(made, parts=parts))
     floor = pieces[:, 0, 2].round()

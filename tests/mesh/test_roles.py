@@ -7,11 +7,11 @@ import pytest
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.options import LightOptions
-from aoprecalc.types import Look
+from aoprecalc.types import Material
 from shapes import box, scene_of_parts
 
 CAR = {"body": {"car", "paint"}, "window": {"car", "glass"}, "sign": {"shop", "neon"}, "road": {"asphalt"}}
-LOOKS = {"window": Look(glass=True), "sign": Look(unlit=True)}
+LOOKS = {"window": Material(transparent=True), "sign": Material(unlit=True)}
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def street():
     """Four boxes: a car's body and window, an unlit sign, a road."""
     made = scene_of_parts(*[box()] * len(CAR))
     parts = [
-        replace(part, name=name, names=frozenset({name, *CAR[name]}), look=LOOKS.get(name, Look()))
+        replace(part, name=name, names=frozenset({name, *CAR[name]}), material=LOOKS.get(name, Material()))
         for part, name in zip(made.parts, CAR, strict=True)
     ]
     return replace(made, parts=tuple(parts))
@@ -49,7 +49,7 @@ def test_who_receives_and_who_occludes(street, options, receive, occlude):
 
 
 def test_leaves_have_two_sides_and_with_the_option_all(street):
-    leaf = replace(street, parts=(*street.parts[:3], replace(street.parts[3], look=Look(leafy=True))))
+    leaf = replace(street, parts=(*street.parts[:3], replace(street.parts[3], material=Material(foliage=True))))
     assert assign_roles(leaf, LightOptions()).two_sided.reshape(4, 12).all(axis=1).tolist() == [False] * 3 + [True]
     assert assign_roles(leaf, LightOptions(two_sided=True)).two_sided.all()
 
@@ -85,7 +85,7 @@ def test_an_upward_axis_without_a_floor_is_refused():
 def test_nothing_left_to_bake_is_refused(street):
     with pytest.raises(UsageError, match="leave no part that receives"):
         assign_roles(street, LightOptions(exclude=("*",)))
-    neon = replace(street, parts=tuple(replace(part, look=Look(unlit=True)) for part in street.parts))
+    neon = replace(street, parts=tuple(replace(part, material=Material(unlit=True)) for part in street.parts))
     with pytest.raises(InputError, match="unlit"):
         assign_roles(neon, LightOptions())
 
@@ -100,12 +100,12 @@ def test_the_floor_is_below(street, kind, up, floor):
 
 
 def test_instances_share_with_the_first_that_receives(street):
-    first, *others = (replace(part, look=Look()) for part in street.parts)
-    repeated = replace(others[1], instance_of=0, repeats=1)
+    first, *others = (replace(part, material=Material()) for part in street.parts)
+    repeated = replace(others[1], instance_of=0, repeat_of=1)
     made = replace(street, parts=(first, replace(others[0], instance_of=0), repeated, others[2]))
 
     def shares(share, **options):
-        return [part.shares for part in assign_roles(made, LightOptions(**options), share=share).parts]
+        return [part.uv_owner for part in assign_roles(made, LightOptions(**options), share=share).parts]
 
     assert shares(False) == [None, None, 1, None]
     assert shares(True) == [None, 0, 0, None]

@@ -32,15 +32,15 @@ def test_points_are_uniform_within_a_face():
 
 def test_the_seed_decides():
     made = scene(*torus())
-    covers = np.ones(len(made.faces), bool)
-    first, same, other = (spread_points(made, covers, 100, seed) for seed in (1, 1, 2))
+    mapped = np.ones(len(made.faces), bool)
+    first, same, other = (spread_points(made, mapped, 100, seed) for seed in (1, 1, 2))
     assert (first.weights == same.weights).all()
     assert (first.weights != other.weights).any()
 
 
 def test_size_and_place_do_not_matter():
     positions, faces = torus()
-    covers = np.ones(len(faces), bool)
-    near = spread_points(scene(positions, faces), covers, 100, 0)
+    mapped = np.ones(len(faces), bool)
+    near = spread_points(scene(positions, faces), mapped, 100, 0)
     for scale in (2.0**-60, 2.0**80):
-        assert (spread_points(scene(positions * scale, faces), covers, 100, 0).faces == near.faces).all()
+        assert (spread_points(scene(positions * scale, faces), mapped, 100, 0).faces == near.faces).all()

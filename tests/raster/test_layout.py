@@ -21,7 +21,7 @@ def test_only_the_faces_that_count_make_charts_and_leave_the_page():
         [quad_uvs((0.1 + 0.3 * n, 0.1), (0.3 + 0.3 * n, 0.3)) for n in range(2)] + [quad_uvs((5, 5), (6, 6))]
     )
     made = scene(*join(*floors), uvs)
-    covers = np.arange(6) < 4
-    atlas = as_atlas(made, uvs, covers)
+    mapped = np.arange(6) < 4
+    atlas = as_atlas(made, uvs, mapped)
     assert (atlas.charts, atlas.wraps) == (2, False)
-    assert (as_atlas(made, uvs, ~covers).charts, as_atlas(made, uvs, ~covers).wraps) == (1, True)
+    assert (as_atlas(made, uvs, ~mapped).charts, as_atlas(made, uvs, ~mapped).wraps) == (1, True)

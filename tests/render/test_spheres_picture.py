@@ -6,7 +6,7 @@ import pytest
 import shapes
 from aoprecalc.render import spheres as spheres_picture
 from aoprecalc.render import spheres_panels
-from aoprecalc.render.rasterizer import Camera, see_mesh, see_spheres
+from aoprecalc.render.rasterizer import Camera, rasterize_mesh, rasterize_spheres
 from aoprecalc.render.spheres import LIGHT, directions, ground_shadow, mesh_caster, shaded, sphere_caster
 from aoprecalc.types import Scene
 
@@ -98,13 +98,13 @@ def test_shading_is_bounded_and_continuous():
 def test_mesh_and_sphere_have_the_same_nearness_and_normals():
     positions, faces = shapes.ball(5)
     camera = Camera.around(positions, 120, 120)
-    mesh = see_mesh(positions[faces], positions[faces], camera)
-    sphere = see_spheres(*ONE, camera)
+    mesh = rasterize_mesh(positions[faces], positions[faces], camera)
+    sphere = rasterize_spheres(*ONE, camera)
     common = mesh.there & sphere.there
     assert common.sum() > 0.99 * sphere.there.sum()
     assert np.abs(mesh.nearness[common] - sphere.nearness[common]).mean() < 2e-3
     assert (mesh.normals * sphere.normals).sum(axis=2)[common].min() > 0.97
-    inside_out = see_mesh(positions[faces[:, ::-1]], -positions[faces[:, ::-1]], camera)
+    inside_out = rasterize_mesh(positions[faces[:, ::-1]], -positions[faces[:, ::-1]], camera)
     np.testing.assert_allclose(inside_out.normals, mesh.normals, atol=1e-6)
 
 
@@ -112,12 +112,12 @@ def test_the_nearer_one_hides_the_farther():
     camera = camera_about()
     towards = camera.axes[2]
     centers = np.stack([towards, -towards, 0 * towards])
-    seen = see_spheres(centers, np.array([0.5, 0.5, 0.4]), camera)
+    seen = rasterize_spheres(centers, np.array([0.5, 0.5, 0.4]), camera)
     middle = camera.places(np.zeros(3))[:2].astype(int)
     assert seen.nearness[middle[1], middle[0]] == pytest.approx(1.5, abs=0.01)
     square = np.array([[-1, -1], [1, -1], [0, 1]]) @ camera.axes[:2]
     corners = np.stack([square - 0.5 * towards, square + 0.5 * towards, square])
-    seen = see_mesh(corners, np.broadcast_to(towards, corners.shape), camera)
+    seen = rasterize_mesh(corners, np.broadcast_to(towards, corners.shape), camera)
     np.testing.assert_allclose(seen.nearness[seen.there], 0.5)
 
 

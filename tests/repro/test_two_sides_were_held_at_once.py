@@ -5,15 +5,15 @@ import weakref
 
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.visibility.backend import MapBackend
+from aoprecalc.visibility.backend import GLBackend
 from shapes import scene, torus
 
 
 def test_the_first_side_is_given_back_before_the_second(monkeypatch):
     made, alive = [], []
-    plain = MapBackend.observer
+    plain = GLBackend.tester
 
-    def observer(self, *given):
+    def tester(self, *given):
         gc.collect()
         alive.append([before() is not None for before in made])
         seen = plain(self, *given)
@@ -21,6 +21,6 @@ def test_the_first_side_is_given_back_before_the_second(monkeypatch):
         made.append(weakref.ref(seen))
         return seen
 
-    monkeypatch.setattr(MapBackend, "observer", observer)
+    monkeypatch.setattr(GLBackend, "tester", tester)
     bake_scene(scene(*torus(around=8, across=4)), BakeOptions(64, 64, directions=64, two_sided=True))
     assert alive == [[], [False]]

@@ -8,7 +8,7 @@ import pytest
 
 import shapes
 from aoprecalc.progress import Progress
-from aoprecalc.types import Doubles, Ints, Part, Scene
+from aoprecalc.types import Float64Array, Int32Array, Part, Scene
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +16,7 @@ def scene_of() -> Callable[[object, object], Scene]:
     """Make a Scene from positions, (v, 3), and faces, (f, 3)."""
 
     def make(positions: object, faces: object) -> Scene:
-        corners: Ints = np.array(faces, np.int32)
+        corners: Int32Array = np.array(faces, np.int32)
         part = Part("all", 0, len(corners), corners)
         return Scene(Path("made.obj"), "obj", np.array(positions, np.float64), corners, None, (), (part,))
 
@@ -43,7 +43,7 @@ def ball(scene_of) -> Scene:
         ab, bc, ca = a + b, b + c, c + a
         faces = np.concatenate([np.stack(f, axis=1) for f in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
         faces /= np.linalg.norm(faces, axis=2, keepdims=True)
-    corners: Doubles = np.rint(faces.reshape(-1, 3) * 2**20) / 2**20
+    corners: Float64Array = np.rint(faces.reshape(-1, 3) * 2**20) / 2**20
     positions, index = np.unique(corners, axis=0, return_inverse=True)
     return scene_of(positions, index.reshape(-1, 3))
 
@@ -76,10 +76,10 @@ def capsule() -> Scene:
 
 
 @pytest.fixture(scope="session")
-def surface_points() -> Callable[[Scene, int, int], Doubles]:
+def surface_points() -> Callable[[Scene, int, int], Float64Array]:
     """Draw points uniformly on a scene's surface, otherwise than the fits do: (count, 3), by (scene, count, seed)."""
 
-    def draw(scene: Scene, count: int, seed: int) -> Doubles:
+    def draw(scene: Scene, count: int, seed: int) -> Float64Array:
         random = np.random.default_rng(seed)
         a, b, c = scene.corners.transpose(1, 0, 2)
         areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)

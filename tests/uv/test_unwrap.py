@@ -24,7 +24,7 @@ SIZE = 256
 def charts_of(made, atlas):
     from aoprecalc.mesh.topology import islands
 
-    return islands(corner_ids(made.faces[atlas.covers], atlas.uvs[atlas.covers]))
+    return islands(corner_ids(made.faces[atlas.mapped], atlas.uvs[atlas.mapped]))
 
 
 @pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
@@ -33,7 +33,7 @@ def test_an_unwrap_is_a_faithful_map(method, scale):
     positions, faces = join(torus(around=24, across=12), (box()[0] * 0.4 + 3, box()[1]))
     made = scene(positions * scale, faces)
     atlas = unwrap(made, method, SIZE, 4)
-    assert atlas.covers.all()
+    assert atlas.mapped.all()
     assert atlas.uvs.min() >= 0
     assert atlas.uvs.max() <= 1
     assert atlas.charts == charts_of(made, atlas).max() + 1
@@ -70,7 +70,7 @@ def test_faces_without_area_have_no_place():
     positions, faces = ball(1)
     made = scene(positions, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]]))
     atlas = unwrap(made, "xatlas", SIZE, 4)
-    assert atlas.covers.tolist() == [True] * len(faces) + [False] * 2
+    assert atlas.mapped.tolist() == [True] * len(faces) + [False] * 2
     with pytest.raises(InputError, match="none of its 1 faces has area"):
         unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", SIZE, 4)
 

@@ -30,14 +30,14 @@ from aoprecalc.metrics.errors import Verified
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress, Stopwatch
 from aoprecalc.raster.padding import finish, lighter, paint
-from aoprecalc.types import Atlas, Baked, Floats, Scene
+from aoprecalc.types import Atlas, Baked, Float32Array, Scene
 from aoprecalc.uv.gutter import first_unsafe_mip
 from aoprecalc.uv.select import choose_atlas
 from aoprecalc.visibility import rays as occluders
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.gather import Gathered, OpenSight, OwnSight, gather
+from aoprecalc.visibility.gather import LocalVisibility, TexelVisibility, VisibilityFactory, gather
 from aoprecalc.visibility.projection import auto_shadow_size
-from aoprecalc.visibility.setup import Side, Site, Subject, portion, runs
+from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
 _DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
 
@@ -61,7 +61,7 @@ def bake(
     stem: str | None = None,
     verify: bool = False,
     outputs: Outputs | None = None,
-    open_sight: OpenSight = OwnSight,
+    make_visibility: VisibilityFactory = LocalVisibility,
     options: BakeOptions | None = None,
     progress: Progress | None = None,
 ) -> BakeResult:
@@ -97,7 +97,7 @@ def bake(
         report_path = None if report is None else output_place(report, f"{stem}_report.json")
         if report_path is not None:
             claim(outputs, report, report_path)
-        baked = bake_scene(scene, options, progress, watch, open_sight)
+        baked = bake_scene(scene, options, progress, watch, make_visibility)
         suffix, reason = mesh_suffix(baked.scene, baked.atlas)
         mesh_path = output_place(mesh_output, folder / f"{stem}_ao{suffix}")
         check_mesh_suffix(mesh_path, options.pack)
@@ -109,7 +109,7 @@ def bake(
             )
         warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
         verified = _verified(baked, read_image(written), options, progress, watch) if verify else None
-        if verify and any(part.shares is not None for part in baked.scene.parts):
+        if verify and any(part.uv_owner is not None for part in baked.scene.parts):
             warnings += about_sharing(baked.scene)
         places = {"texture": texture_path, "mesh": mesh_path}
         document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
@@ -125,7 +125,7 @@ def bake_scene(
     options: BakeOptions,
     progress: Progress | None = None,
     watch: Stopwatch | None = None,
-    open_sight: OpenSight = OwnSight,
+    make_visibility: VisibilityFactory = LocalVisibility,
 ) -> Baked:
     """Bake a scene in memory; nothing is written.
 
@@ -143,14 +143,14 @@ def bake_scene(
         with watch.stage("unwrap"):
             atlas = choose_atlas(backend.sampler, scene, options, progress)
         progress.note(_describe(atlas, options.padding))
-        site = Site(backend, Subject(scene, atlas, normals, options))
+        site = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
         texels = site.texels
         size = f"{options.width} x {options.height}"
         if not len(texels):
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
         overlap = site.overlap()
         shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
-        most = portion(
+        most = texels_per_chunk(
             options.memory_limit,
             size,
             options.width * options.height,
@@ -158,10 +158,10 @@ def bake_scene(
             maps=8 * shadow_size**2,
             triangles=len(site.sides[0].surface.occluders),
         )
-        looks = sum(len(runs(len(side.texels), most)) for side in site.sides)
+        looks = sum(len(chunks(len(side.texels), most)) for side in site.sides)
         unit = "directions" if looks == len(site.sides) else f"directions, {looks} times to save memory"
         with watch.stage("visibility", looks * 2 * len(site.axes), unit):
-            seen = [_gathered(site, side, open_sight, shadow_size, most, progress) for side in site.sides]
+            seen = [_gathered(site, side, make_visibility, shadow_size, most, progress) for side in site.sides]
         backend.check()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
@@ -186,13 +186,18 @@ def bake_scene(
 
 
 def _gathered(
-    site: Site, side: Side, open_sight: OpenSight, shadow_size: int, most: int, progress: Progress
-) -> Gathered:
-    sight = open_sight(site, side, shadow_size, most, progress)  # is gone before the next side's is made
+    site: BakeSetup,
+    side: SurfaceSide,
+    make_visibility: VisibilityFactory,
+    shadow_size: int,
+    most: int,
+    progress: Progress,
+) -> TexelVisibility:
+    sight = make_visibility(site, side, shadow_size, most, progress)  # is gone before the next side's is made
     return gather(site, side, sight, most)
 
 
-def _unseen(sides: list[Gathered], size: int) -> float:
+def _unseen(sides: list[TexelVisibility], size: int) -> float:
     """Return the share of the measured texels, of `size` in the picture, that no side sees light from."""
     measured, lit = np.zeros(size, bool), np.zeros(size, bool)
     for side in sides:
@@ -201,7 +206,9 @@ def _unseen(sides: list[Gathered], size: int) -> float:
     return float(1 - lit[measured].mean())
 
 
-def _verified(baked: Baked, picture: Floats, options: BakeOptions, progress: Progress, watch: Stopwatch) -> Verified:
+def _verified(
+    baked: Baked, picture: Float32Array, options: BakeOptions, progress: Progress, watch: Stopwatch
+) -> Verified:
     """Measure the picture that a bake has written."""
     asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
     with watch.stage("verify", asked.points, "points"):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.gl.context import VERSION, Candidate, count_devices, make_context
-from aoprecalc.visibility.rays import Occluders, obstacle
+from aoprecalc.visibility.rays import RayCaster, obstacle
 
 _LONGEST = 120  # seconds after which it ends itself, should the parent have died
 # What glcontext's reasons mean, the first that fits.
@@ -74,7 +74,7 @@ def probe_rays() -> dict[str, Any]:
         return {"fault": fault}
     triangle = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)]], np.float32)
     origins = np.array([(0, 0, -1), (9, 0, -1)], np.float32)
-    hidden = Occluders(triangle, threads=1).hidden(origins, np.array([(0, 0, 1)], np.float32))
+    hidden = RayCaster(triangle, threads=1).occluded(origins, np.array([(0, 0, 1)], np.float32))
     if hidden.tolist() != [True, False]:
         return {"fault": "embreex does not find a triangle where there is one; install it again"}
     return {"renderer": "Embree", "version": version("embreex"), "software": True}

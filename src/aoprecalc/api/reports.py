@@ -37,7 +37,7 @@ def verify_report(
             "path": found.name,
             "width": width,
             "height": height,
-            "triangles": int(np.count_nonzero(atlas.covers)),
+            "triangles": int(np.count_nonzero(atlas.mapped)),
             "charts": atlas.charts,
             "repeats": atlas.wraps,
         },
@@ -151,10 +151,10 @@ def _part(part: Part) -> dict[str, Any]:
         "triangles": part.stop - part.start,
         "receives": part.receives,
         "occludes": part.occludes,
-        "shares": part.shares,
-        "glass": part.look.glass,
-        "unlit": part.look.unlit,
-        "cut_out": part.look.cutout is not None,
+        "shares": part.uv_owner,
+        "glass": part.material.transparent,
+        "unlit": part.material.unlit,
+        "cut_out": part.material.alpha_mask is not None,
     }
 
 

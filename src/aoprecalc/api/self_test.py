@@ -9,14 +9,14 @@ import numpy as np
 
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.mesh.normals import face_directions
+from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.sampling import spread_points
 from aoprecalc.options import Backend, BakeOptions
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.types import Doubles, Part, Scene
+from aoprecalc.types import Float64Array, Part, Scene
 
 
-def form_factor(places: Doubles, normals: Doubles, polygon: Doubles) -> Doubles:
+def form_factor(places: Float64Array, normals: Float64Array, polygon: Float64Array) -> Float64Array:
     """Return the form factor of a flat polygon from points of a surface, (k,) float64 in [0, 1].
 
     It is the cosine-weighted share of the hemisphere that the polygon takes up: the ambient occlusion of a point that
@@ -38,7 +38,7 @@ def form_factor(places: Doubles, normals: Doubles, polygon: Doubles) -> Doubles:
     length = np.linalg.norm(across, axis=2)
     angle = np.arctan2(length, np.einsum("kcx,kcx->kc", first, second))
     slope = np.einsum("kcx,kx->kc", across, normals) / np.where(length > 0, length, 1)
-    factors: Doubles = (angle * slope).sum(axis=1) / (2 * np.pi)
+    factors: Float64Array = (angle * slope).sum(axis=1) / (2 * np.pi)
     return factors
 
 
@@ -67,8 +67,8 @@ def trial(backend: Backend = "auto") -> dict[str, Any]:
     started = time.perf_counter()
     baked = bake_scene(scene, options)
     seconds = time.perf_counter() - started
-    points = spread_points(scene, baked.atlas.covers, POINTS, seed=0)
-    normals = face_directions(scene.corners)[0][points.faces]
+    points = spread_points(scene, baked.atlas.mapped, POINTS, seed=0)
+    normals = face_normals(scene.corners)[0][points.faces]
     expected = form_factor(points.at(scene.corners), normals, opening)
     found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=baked.atlas.wraps)
     error = float(np.sqrt(((found - expected) ** 2).mean()))
@@ -82,7 +82,7 @@ def trial(backend: Backend = "auto") -> dict[str, Any]:
     }
 
 
-def open_box() -> tuple[Scene, Doubles]:
+def open_box() -> tuple[Scene, Float64Array]:
     """Return a box without a lid whose faces look inwards, and its opening, (4, 3), clockwise seen from inside."""
     corners = np.array([(0, 0), (_WIDTH, 0), (_WIDTH, _DEPTH), (0, _DEPTH)])
     floor, opening = (np.column_stack([corners, np.full(4, height)]) for height in (0, _HEIGHT))

@@ -11,7 +11,7 @@ from aoprecalc.api.reports import verify_report
 from aoprecalc.errors import InputError
 from aoprecalc.io import OcclusionPicture, Outputs, choose_depth, find_occlusion, load_scene, source_files, write_colors
 from aoprecalc.io.outputs import claim, output_place, write_report
-from aoprecalc.mesh.normals import face_directions, shading_normals
+from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.sampling import spread_points
 from aoprecalc.metrics.errors import Verified, errors_at_levels, worst_places
@@ -22,7 +22,7 @@ from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
 from aoprecalc.raster.layout import as_atlas, lay_out
 from aoprecalc.render.comparison import heat_map_size, paint
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.types import Atlas, Floats, Scene
+from aoprecalc.types import Atlas, Float32Array, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def verify(
 
 
 def verify_scene(
-    scene: Scene, atlas: Atlas, normals: Floats, picture: Floats, options: VerifyOptions, progress: Progress
+    scene: Scene, atlas: Atlas, normals: Float32Array, picture: Float32Array, options: VerifyOptions, progress: Progress
 ) -> Verified:
     """Measure a picture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
@@ -91,7 +91,7 @@ def verify_scene(
     normals   (f, 3, 3) float32: the shading normals at the corners
     Raises RendererError where rays cannot be cast.
     """
-    points = spread_points(scene, atlas.covers, options.points, options.seed)
+    points = spread_points(scene, atlas.mapped, options.points, options.seed)
     truth = reference(scene, normals, points, options, progress)
     places, at = points.at(atlas.uvs), points.at(scene.corners)
     values = bilinear(picture, places, repeats=atlas.wraps)
@@ -110,17 +110,17 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
 
     A face whose corners share one UV has no place: it stands for UVs that are missing.
     """
-    has_area = face_directions(scene.corners)[1]
+    has_area = face_normals(scene.corners)[1]
     placed = np.isfinite(found.uvs).all(axis=(1, 2)) & (found.uvs != found.uvs[:, :1]).any(axis=(1, 2))
-    covers = found.shown & scene.receives & has_area & placed
-    if not covers.any():
+    mapped = found.shown & scene.receives & has_area & placed
+    if not mapped.any():
         raise InputError(
             f"{scene.path}: none of its {len(scene.faces)} faces has area and a place in {found.name}; "
             "bake it, or export it with UVs"
         )
     homeless = np.count_nonzero(found.shown & scene.receives & has_area & ~placed)
     said = [f"{homeless} of {len(scene.faces)} faces have no place in the texture and are left out"] if homeless else []
-    return as_atlas(scene, found.uvs, covers), said
+    return as_atlas(scene, found.uvs, mapped), said
 
 
 def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPicture, verified: Verified) -> None:

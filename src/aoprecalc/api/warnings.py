@@ -23,7 +23,7 @@ def bake_warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[s
     warnings += _about_target(baked, options)
     if overlap > MOST_OVERLAP:
         warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
-    left_out = np.count_nonzero(owns_place(scene) & ~atlas.covers)
+    left_out = np.count_nonzero(owns_place(scene) & ~atlas.mapped)
     if left_out:
         warnings.append(
             f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
@@ -41,8 +41,8 @@ def bake_warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[s
 
 
 def _about_roles(scene: Scene) -> list[str]:
-    clear = [part.name for part in scene.parts if part.look.glass and not part.occludes]
-    unlit = [part.name for part in scene.parts if part.look.unlit]
+    clear = [part.name for part in scene.parts if part.material.transparent and not part.occludes]
+    unlit = [part.name for part in scene.parts if part.material.unlit]
     said = []
     if clear:
         said.append(f"light passes through {_named(clear)} (--glass-occludes stops it)")

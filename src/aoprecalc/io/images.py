@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, OutputError, UsageError
 from aoprecalc.options import BitDepth
-from aoprecalc.types import Floats
+from aoprecalc.types import Float32Array
 
 Depth = Literal["8", "16", "half", "float"]
 
@@ -58,7 +58,7 @@ def choose_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
     return bit_depth
 
 
-def write_image(path: str | PathLike[str], values: Floats, bit_depth: BitDepth = "auto") -> None:
+def write_image(path: str | PathLike[str], values: Float32Array, bit_depth: BitDepth = "auto") -> None:
     """Write a picture, its kind by the extension of `path`; the same values give the same bytes.
 
     values   (height, width) or (height, width, channels) float32; row 0 is the upper one
@@ -69,7 +69,7 @@ def write_image(path: str | PathLike[str], values: Floats, bit_depth: BitDepth =
     _write(path, np.atleast_3d(quantize(values, depth)), depth, space="data")  # else PNG is tagged sRGB
 
 
-def png_bytes(values: Floats) -> bytes:
+def png_bytes(values: Float32Array) -> bytes:
     """Return the bytes of a PNG of 8 bits that `write_image` makes of such values."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.png"
@@ -98,7 +98,7 @@ def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space:
         raise OutputError(f"{path}: the picture cannot be written ({_line(buffer.geterror())}); choose another output")
 
 
-def quantize(values: Floats, depth: Depth) -> NDArray[Any]:
+def quantize(values: Float32Array, depth: Depth) -> NDArray[Any]:
     """Return values of [0, 1], or beyond, in the type in which they are stored: uint8, uint16, float16 or float32."""
     if depth == "float":
         return np.asarray(values, dtype=np.float32)
@@ -109,12 +109,12 @@ def quantize(values: Floats, depth: Depth) -> NDArray[Any]:
     return scaled.astype(np.uint8 if depth == "8" else np.uint16)
 
 
-def read_image(path: str | PathLike[str]) -> Floats:
+def read_image(path: str | PathLike[str]) -> Float32Array:
     """Return the (height, width) float32 values of a picture's first channel; see `read_pixels`."""
     return np.ascontiguousarray(read_pixels(path)[:, :, 0])
 
 
-def read_pixels(path: str | PathLike[str]) -> Floats:
+def read_pixels(path: str | PathLike[str]) -> Float32Array:
     """Return the (height, width, channels) float32 values of a picture; integers come as fractions of their most.
 
     They are as in the file: neither decoded as colours nor multiplied by its alpha.
@@ -137,7 +137,7 @@ def read_pixels(path: str | PathLike[str]) -> Floats:
     return np.ascontiguousarray(pixels, dtype=np.float32)
 
 
-def decode_pixels(data: bytes, name: str) -> Floats:
+def decode_pixels(data: bytes, name: str) -> Float32Array:
     """Read a picture, as `read_pixels` does, from the bytes of its file; errors call it by `name`."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "picture.png"  # what it is shows in the bytes, whatever it is called

@@ -18,7 +18,7 @@ from aoprecalc.io.formats.ply import PlyDocument, ply_files, read_ply, write_ply
 from aoprecalc.io.formats.stl import read_stl
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, Floats, Scene
+from aoprecalc.types import Atlas, Float32Array, Scene
 
 READERS: dict[str, Callable[[Path, bytes], Scene]] = {
     "obj": read_obj,
@@ -37,7 +37,7 @@ REFERENCES: dict[str, Callable[[Path, bytes], list[Path]]] = {
     "glb": gltf_files,
 }
 
-WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Floats, Path, Pack], tuple[str, ...]]] = {
+WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Float32Array, Path, Pack], tuple[str, ...]]] = {
     "obj": write_obj,
     "ply": write_ply,
     "gltf": write_gltf,
@@ -134,7 +134,7 @@ def write_baked_mesh(
     mesh_path: str | PathLike[str],
     scene: Scene,
     atlas: Atlas,
-    normals: Floats,
+    normals: Float32Array,
     texture_path: str | PathLike[str],
     *,
     pack: Pack = "none",

@@ -14,7 +14,7 @@ from aoprecalc.io.formats.gltf.document import GltfDocument
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
 from aoprecalc.io.formats.obj.reader import ObjDocument, Section
 from aoprecalc.io.formats.ply import PlyDocument
-from aoprecalc.types import Doubles, Floats, Mask, Part, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Part, Scene
 
 
 class NoOcclusionError(InputError):
@@ -35,9 +35,9 @@ class OcclusionPicture:
 
     name: str
     path: Path | None
-    values: Floats
-    uvs: Doubles
-    shown: Mask
+    values: Float32Array
+    uvs: Float64Array
+    shown: BoolArray
     warnings: tuple[str, ...]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.texture_lookup import wrapped
-from aoprecalc.types import Doubles, Floats, Wrap
+from aoprecalc.types import Float32Array, Float64Array, Wrap
 
 Indices = NDArray[np.int64]
 
@@ -25,13 +25,13 @@ class AlphaPicture:
     grids    (l, 3): where each grid begins in bounds, its columns and its rows; each has half as many as the one before
     """
 
-    alpha: Floats
+    alpha: Float32Array
     wraps: tuple[Wrap, Wrap]
-    bounds: Floats
+    bounds: Float32Array
     grids: Indices
 
     @classmethod
-    def of(cls, alpha: Floats, wraps: tuple[Wrap, Wrap]) -> Self:
+    def of(cls, alpha: Float32Array, wraps: tuple[Wrap, Wrap]) -> Self:
         """Make the bounds of an alpha."""
         pyramids = [list(_pyramid(alpha, wraps, extreme)) for extreme in (np.minimum, np.maximum)]
         sizes = np.array([cells.shape for cells in pyramids[0]])
@@ -45,7 +45,7 @@ class AlphaPicture:
         height, width = self.alpha.shape
         return width if width > 1 else 0, height if height > 1 else 0
 
-    def at(self, places: Doubles) -> Doubles:
+    def at(self, places: Float64Array) -> Float64Array:
         """Return the bilinear alpha, (m,), at (m, 2) places."""
         height, width = self.alpha.shape
         texels = places * (width, height) - 0.5
@@ -58,7 +58,7 @@ class AlphaPicture:
         above = _mix(alpha[upper + left], alpha[upper + right], x)
         return _mix(above, _mix(alpha[lower + left], alpha[lower + right], x), y)
 
-    def between(self, low: Doubles, high: Doubles) -> Floats:
+    def between(self, low: Float64Array, high: Float64Array) -> Float32Array:
         """Return bounds of the alpha, (m, 2), in the rectangles from (m, 2) to (m, 2) places."""
         first, last = (np.floor(end * self.grids[0, 1:]).astype(np.int64) for end in (low, high))
         # The grid in which two columns and two rows hold all.
@@ -72,12 +72,12 @@ class AlphaPicture:
         return np.stack([least, most], axis=1)
 
 
-def _mix(one: NDArray[np.floating], other: NDArray[np.floating], share: Doubles) -> Doubles:
+def _mix(one: NDArray[np.floating], other: NDArray[np.floating], share: Float64Array) -> Float64Array:
     # What is equal stays equal.
     return one + share * (other - one)
 
 
-def _pyramid(alpha: Floats, wraps: tuple[Wrap, Wrap], extreme: np.ufunc) -> Iterator[Floats]:
+def _pyramid(alpha: Float32Array, wraps: tuple[Wrap, Wrap], extreme: np.ufunc) -> Iterator[Float32Array]:
     """Yield grids of the extremes of the bilinear alpha, from the finest to a single cell."""
     cells = alpha
     for axis, wrap in enumerate(reversed(wraps)):
@@ -89,7 +89,7 @@ def _pyramid(alpha: Floats, wraps: tuple[Wrap, Wrap], extreme: np.ufunc) -> Iter
         yield cells
 
 
-def _footprints(alpha: Floats, axis: int, wrap: Wrap, extreme: np.ufunc) -> Floats:
+def _footprints(alpha: Float32Array, axis: int, wrap: Wrap, extreme: np.ufunc) -> Float32Array:
     """Return the extremes of the texels that have a say in each of a power of two of cells along an axis."""
     size = alpha.shape[axis]
     count = min(1 << (size - 1).bit_length(), _CELLS)
@@ -97,5 +97,5 @@ def _footprints(alpha: Floats, axis: int, wrap: Wrap, extreme: np.ufunc) -> Floa
     # One texel more on either side, and one that reduceat wants.
     texels = alpha.take(wrapped(np.arange(-1, size + 2), size, wrap), axis)
     runs = np.column_stack([np.floor(ends[:-1]) + 1, np.ceil(ends[1:]) + 2]).astype(np.int64)
-    cells: Floats = extreme.reduceat(texels, runs.ravel(), axis).take(np.arange(0, 2 * count, 2), axis)
+    cells: Float32Array = extreme.reduceat(texels, runs.ravel(), axis).take(np.arange(0, 2 * count, 2), axis)
     return cells

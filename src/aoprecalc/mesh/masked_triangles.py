@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.alpha_texture import AlphaPicture
-from aoprecalc.types import Cutout, Doubles, Ints, Mask, Scene
+from aoprecalc.types import AlphaMask, BoolArray, Float64Array, Int32Array, Scene
 
 Indices = NDArray[np.int64]
 
@@ -22,25 +22,25 @@ _CORNERS = np.array([(0, 0), (1, 0), (0, 1)], np.int32)
 _QUARTERS = np.array([(0, 0, 1), (1, 0, 1), (0, 1, 1), (1, 1, -1)], np.int32)
 
 
-def quarters_of(nodes: Ints) -> Ints:
+def quarters_of(nodes: Int32Array) -> Int32Array:
     """Return the four quarters of each of (m, 5) nodes one after the other, (4 m, 5)."""
     quarters = np.repeat(nodes, 4, axis=0).reshape(-1, 4, 5)
     side = nodes[:, None, 4:]
     quarters[:, :, 1] += 1
     quarters[:, :, 2:4] = 2 * nodes[:, None, 2:4] + side * _QUARTERS[:, :2]
     quarters[:, :, 4:] *= _QUARTERS[:, 2:]
-    every: Ints = quarters.reshape(-1, 5)
+    every: Int32Array = quarters.reshape(-1, 5)
     return every
 
 
-def quartered(values: Doubles) -> Doubles:
+def quartered(values: Float64Array) -> Float64Array:
     """Return the values at the corners of the quarters, (m, 4, 3), from those at the corners of the wholes, (m, 3)."""
     a, b, c = values.T
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.stack([a, ab, ca, ab, b, bc, ca, bc, c, bc, ca, ab], axis=1).reshape(-1, 4, 3)
 
 
-def parted(values: Doubles) -> tuple[Indices, Doubles]:
+def parted(values: Float64Array) -> tuple[Indices, Float64Array]:
     """Tell how a line parts triangles, by values at their corners, (..., 3), of both signs.
 
     Returns the corners in turn, (..., 3), from the one that it parts from two, and how far from that it meets the sides
@@ -53,17 +53,17 @@ def parted(values: Doubles) -> tuple[Indices, Doubles]:
     return turn, turned[..., :1] / (turned[..., :1] - turned[..., 1:])
 
 
-def opaque_share(values: Doubles) -> Doubles:
+def opaque_share(values: Float64Array) -> Float64Array:
     """Return how much of a triangle, (...), has no negative value, from those at its corners, (..., 3)."""
     count = (values >= 0).sum(axis=-1)
-    shares: Doubles = count / 3
+    shares: Float64Array = count / 3
     cut = count % 3 > 0
     corner = parted(values[cut])[1].prod(axis=-1)
     shares[cut] = np.where(count[cut] == 1, corner, 1 - corner)
     return shares
 
 
-def with_share(values: Doubles, shares: Doubles) -> Doubles:
+def with_share(values: Float64Array, shares: Float64Array) -> Float64Array:
     """Shift the values at the corners of triangles, (m, 3), so that none is negative in just (m,) shares of them."""
     values = np.where(np.ptp(values, axis=1, keepdims=True) > 0, values, (-1.0, 0.0, 1.0))
     low, middle, high = np.sort(values, axis=1).T
@@ -74,14 +74,14 @@ def with_share(values: Doubles, shares: Doubles) -> Doubles:
     return np.where(((shares > 0) & (shares < 1))[:, None], values - level, whole)
 
 
-def node_places(nodes: Ints) -> Doubles:
+def node_places(nodes: Int32Array) -> Float64Array:
     """Return the corners of (m, 5) nodes, (m, 3, 2), as weights of the corners 1 and 2 of their triangles."""
     corners = nodes[:, None, 2:4] + nodes[:, None, 4:] * _CORNERS
-    places: Doubles = np.ldexp(corners.astype(np.float64), -nodes[:, None, 1:2])
+    places: Float64Array = np.ldexp(corners.astype(np.float64), -nodes[:, None, 1:2])
     return places
 
 
-def weighted(corners: Doubles, places: Doubles) -> Doubles:
+def weighted(corners: Float64Array, places: Float64Array) -> Float64Array:
     """Interpolate what (m, 3, x) triangles have at their corners at (m, k, 2) places, (m, k, x)."""
     a, b, c = (corners[:, None, k] for k in range(3))
     one, two = places[..., :1], places[..., 1:]
@@ -117,31 +117,31 @@ class Cards:
     corners    (c, 3, 3) float64
     """
 
-    marks: Doubles
-    cutoffs: Doubles
+    marks: Float64Array
+    cutoffs: Float64Array
     shows: Indices
     halvings: Indices
     sizes: Indices
     pictures: tuple["AlphaPicture", ...]
     copies: Indices
-    corners: Doubles
+    corners: Float64Array
 
     @classmethod
     def of(cls, scene: Scene) -> Self | None:
         """Collect them from a scene; None if there are none."""
         parts = [part for part in scene.parts if part.occludes and part.stop > part.start]
-        pierced = [(part.faces, part.look.cutout) for part in parts if part.look.cutout is not None]
+        pierced = [(part.faces, part.material.alpha_mask) for part in parts if part.material.alpha_mask is not None]
         if not pierced:
             return None
         # Materials share pictures, and parts share materials.
-        keys = [(id(cutout.alpha), cutout.wraps) for _, cutout in pierced]
-        distinct = {key: cutout for key, (_, cutout) in zip(keys, pierced, strict=True)}
-        pictures = tuple(AlphaPicture.of(cutout.alpha, cutout.wraps) for cutout in distinct.values())
+        keys = [(id(alpha_mask.alpha), alpha_mask.wraps) for _, alpha_mask in pierced]
+        distinct = {key: alpha_mask for key, (_, alpha_mask) in zip(keys, pierced, strict=True)}
+        pictures = tuple(AlphaPicture.of(alpha_mask.alpha, alpha_mask.wraps) for alpha_mask in distinct.values())
         numbers = {key: number for number, key in enumerate(distinct)}
         counts = [faces.stop - faces.start for faces, _ in pierced]
         shows = np.repeat([numbers[key] for key in keys], counts)
-        cutoffs = np.repeat([cutout.cutoff for _, cutout in pierced], counts)
-        marks = np.concatenate([_marks(cutout) for _, cutout in pierced])
+        cutoffs = np.repeat([alpha_mask.cutoff for _, alpha_mask in pierced], counts)
+        marks = np.concatenate([_marks(alpha_mask) for _, alpha_mask in pierced])
         corners = np.concatenate([scene.positions[scene.faces[faces]] for faces, _ in pierced])
 
         there = scene.corners[scene.occludes | scene.receives].reshape(-1, 3)
@@ -162,7 +162,7 @@ class Cards:
             corners=corners[np.argsort(same.ravel(), kind="stable")],
         )
 
-    def states(self, nodes: Ints) -> NDArray[np.int8]:
+    def states(self, nodes: Int32Array) -> NDArray[np.int8]:
         """Tell which of (m, 5) nodes are certainly opaque and which are certainly clear, (m,)."""
         states = np.full(len(nodes), UNKNOWN, np.int8)
         for picture, at in self._blocks(nodes[:, 0]):
@@ -175,7 +175,7 @@ class Cards:
             states[at[products.max(axis=1) < self.cutoffs[triangle]]] = CLEAR
         return states
 
-    def cuts(self, nodes: Ints) -> Doubles:
+    def cuts(self, nodes: Int32Array) -> Float64Array:
         """Return values at the corners of (m, 5) nodes, (m, 3), that tell what is opaque as if its edge were straight.
 
         In nodes with sides of many texels edges need not meet a side: there samples tell the slope and the share.
@@ -191,7 +191,7 @@ class Cards:
             values[at] = with_share(opaque @ MIDDLE_WEIGHTS, opaque.mean(axis=1))
         return values
 
-    def edges(self, nodes: Ints, halvings: int) -> tuple[Doubles, Mask]:
+    def edges(self, nodes: Int32Array, halvings: int) -> tuple[Float64Array, BoolArray]:
         """Return values at the corners of (m, 5) nodes, (m, 3), that vanish where the edge of the hole meets two sides.
 
         halvings   of a side, before the edge on it is taken to be where a straight line would put it
@@ -204,7 +204,7 @@ class Cards:
         centres = self.excess(nodes[doubtful, 0], places[doubtful].mean(axis=1))
         excess[doubtful] = np.where(excess[doubtful] == 0, SPECK * centres[:, None], excess[doubtful])
         values = np.where(excess >= 0, 1.0, -1.0)
-        cut: Mask = np.ptp(values, axis=1) > 0
+        cut: BoolArray = np.ptp(values, axis=1) > 0
         turn, _ = parted(values[cut])
         places, excess = np.take_along_axis(places[cut], turn[..., None], 1), np.take_along_axis(excess[cut], turn, 1)
 
@@ -226,7 +226,7 @@ class Cards:
         values[cut] = vanishing
         return values, cut
 
-    def excess(self, triangle: Ints, places: Doubles) -> Doubles:
+    def excess(self, triangle: Int32Array, places: Float64Array) -> Float64Array:
         """Return by how much the alpha is above the cutoff, (m,), at (m, 2) places in triangles."""
         excess = np.empty(len(triangle))
         for picture, at in self._blocks(triangle):
@@ -234,12 +234,12 @@ class Cards:
             excess[at] = picture.at(marks[:, :2]) * marks[:, 2] - self.cutoffs[triangle[at]]
         return excess
 
-    def count(self, nodes: Ints, values: Doubles) -> int:
+    def count(self, nodes: Int32Array, values: Float64Array) -> int:
         """Return how many pieces (m, 5) nodes with (m, 3) values become, all copies together."""
         own = np.array([0, 1, 2, 1])[(values >= 0).sum(axis=1)]
         return int(own @ np.diff(self.copies)[nodes[:, 0]])
 
-    def pieces(self, nodes: Ints, values: Doubles) -> Iterator[Doubles]:
+    def pieces(self, nodes: Int32Array, values: Float64Array) -> Iterator[Float64Array]:
         """Yield the opaque pieces, (o, 3, 3), of (m, 5) nodes with (m, 3) values, of all copies."""
         opaque = (values >= 0).sum(axis=1)
         places = node_places(nodes)
@@ -265,7 +265,7 @@ class Cards:
         for run in _runs(np.arange(len(piece)), _BLOCK):
             yield weighted(self.corners[copy[run]], places[piece[run]])
 
-    def _blocks(self, triangle: Ints) -> Iterator[tuple["AlphaPicture", Indices]]:
+    def _blocks(self, triangle: Int32Array) -> Iterator[tuple["AlphaPicture", Indices]]:
         """Part numbers of triangles, (m,), into runs that show one picture: yield it and which they are."""
         for run in _runs(np.arange(len(triangle)), _BLOCK):
             shows = self.shows[triangle[run]]
@@ -279,7 +279,7 @@ def _runs(indices: Indices, length: int) -> Iterator[Indices]:
         yield indices[start : start + length]
 
 
-def _marks(cutout: Cutout) -> Doubles:
+def _marks(alpha_mask: AlphaMask) -> Float64Array:
     """Return u, 1 - v and the factor at the corners of a cut-out's faces, (n, 3, 3)."""
-    uvs = np.where(np.abs(cutout.uvs) < _FARTHEST, cutout.uvs, 0.0)
-    return np.stack([uvs[..., 0], 1 - uvs[..., 1], cutout.factors], axis=2)
+    uvs = np.where(np.abs(alpha_mask.uvs) < _FARTHEST, alpha_mask.uvs, 0.0)
+    return np.stack([uvs[..., 0], 1 - uvs[..., 1], alpha_mask.factors], axis=2)

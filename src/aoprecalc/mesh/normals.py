@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.options import Normals
-from aoprecalc.types import Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 _SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
 # Twice a face's area over its longest edge squared, below which it has no direction that doubles can tell.
@@ -15,13 +15,13 @@ _FLATTEST_FACE = 1e-12
 _STL_ANGLE = 40.0  # STL knows no smoothness; above this angle an edge was probably meant
 
 
-def area_vectors(corners: Doubles) -> Doubles:
+def area_vectors(corners: Float64Array) -> Float64Array:
     """Return twice the area of each face times its unit normal, (f, 3), from (f, 3, 3) corners; follows the winding."""
-    vectors: Doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors: Float64Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return vectors
 
 
-def face_directions(corners: Doubles) -> tuple[Doubles, Mask]:
+def face_normals(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Return (f, 3) unit normals that follow the winding, and which faces have area, (f,), from (f, 3, 3) corners.
 
     The normal of a face without area is (0, 0, 1). What counts is the shape alone, at any scale.
@@ -31,11 +31,11 @@ def face_directions(corners: Doubles) -> tuple[Doubles, Mask]:
     sides = sides / np.where(longest > 0, longest, 1)[:, :, None]
     normals = np.cross(sides[:, 0], sides[:, 1])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    has_area: Mask = lengths[:, 0] > _FLATTEST_FACE
+    has_area: BoolArray = lengths[:, 0] > _FLATTEST_FACE
     return np.where(has_area[:, None], normals / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0)), has_area
 
 
-def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | None = None) -> Floats:
+def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | None = None) -> Float32Array:
     """Return unit shading normals at the corners, (f, 3, 3) float32.
 
     mode          auto: the file's, else smooth; file: the file's; flat: each face's own; smooth: the area-weighted mean
@@ -55,7 +55,7 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
     fans = (
         scene.faces if angle >= _SMOOTH_ANGLE else _smooth_fans(scene.faces, _unit(areas, empty=(0.0, 0.0, 0.0)), angle)
     )
-    sums: Doubles = np.column_stack([np.bincount(fans.ravel(), np.repeat(areas[:, axis], 3)) for axis in range(3)])
+    sums: Float64Array = np.column_stack([np.bincount(fans.ravel(), np.repeat(areas[:, axis], 3)) for axis in range(3)])
     # Where opposite faces cancel there is no mean: each keeps its own.
     cancelled = np.linalg.norm(sums, axis=1) <= 1e-9 * np.bincount(
         fans.ravel(), np.repeat(np.linalg.norm(areas, axis=1), 3)
@@ -64,7 +64,7 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
     return smooth.astype(np.float32)
 
 
-def geometric_normals(scene: Scene, shading: Floats) -> Floats:
+def geometric_normals(scene: Scene, shading: Float32Array) -> Float32Array:
     """Return the unit normal of each face, (f, 3) float32, zero for faces without area.
 
     It follows the winding, but is turned where the shading normals at all three corners oppose it.
@@ -74,7 +74,7 @@ def geometric_normals(scene: Scene, shading: Floats) -> Floats:
     return np.where(opposed[:, None], -normals, normals).astype(np.float32)
 
 
-def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
+def _smooth_fans(faces: Int32Array, normals: Float64Array, angle: float) -> Int32Array:
     """Number the corners, (f, 3), so that those joined around a position over edges that bend at most `angle` agree."""
     ids = edge_ids(faces).ravel()
     order = np.argsort(ids, kind="stable")
@@ -83,7 +83,7 @@ def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
     shared = ids[first] == ids[second]
     first, second = first[shared], second[shared]
     cosine = np.einsum("ex,ex->e", normals[first // 3], normals[second // 3])
-    no_area: Mask = (
+    no_area: BoolArray = (
         np.linalg.norm(normals, axis=1) == 0
     )  # has no direction to bend from: its neighbours are joined through it
     gentle = (cosine >= np.cos(np.radians(angle)) - 1e-9) | no_area[first // 3] | no_area[second // 3]
@@ -98,11 +98,11 @@ def _smooth_fans(faces: Ints, normals: Doubles, angle: float) -> Ints:
             joined_to.append(other[same])
     rows, columns = np.concatenate(joined_from), np.concatenate(joined_to)
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(faces.size, faces.size))
-    labels: Ints = connected_components(graph, directed=False)[1].astype(np.int32)
+    labels: Int32Array = connected_components(graph, directed=False)[1].astype(np.int32)
     return labels.reshape(faces.shape)
 
 
-def _unit(vectors: Doubles, empty: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Doubles:
+def _unit(vectors: Float64Array, empty: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Float64Array:
     """Divide vectors, (m, 3), by their lengths; those without length become `empty`."""
     # Scaled first: the square of a tiny vector's length would underflow.
     scale = np.abs(vectors).max(axis=1, keepdims=True)

@@ -17,19 +17,19 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.mesh.masked_triangles import OPAQUE, UNKNOWN, Cards, opaque_share, quartered, quarters_of, with_share
-from aoprecalc.types import Doubles, Ints, Mask, Scene
+from aoprecalc.types import BoolArray, Float64Array, Int32Array, Scene
 
 _BUDGET = 2_000_000  # pieces
 _WORK = 1_000_000  # nodes that are looked into at once
 _TOLERANCE = 1 / 200  # of a piece's area: what must change for quarters to remain
 
 
-def opaque_triangles(scene: Scene, budget: int = _BUDGET) -> Doubles:
+def opaque_triangles(scene: Scene, budget: int = _BUDGET) -> Float64Array:
     """Return the corners, (o, 3, 3), of the triangles that are in the light's way, wound as their faces.
 
     budget   how many pieces the faces with holes may become; each may become two, whatever it is
     """
-    solid = scene.corners[scene.occludes & scene.of_parts(part.look.cutout is None for part in scene.parts)]
+    solid = scene.corners[scene.occludes & scene.per_face(part.material.alpha_mask is None for part in scene.parts)]
     cards = Cards.of(scene)
     if cards is None:
         return solid
@@ -57,20 +57,20 @@ class _Cuts:
     settled   nodes, with their values, that remain pieces
     """
 
-    values: Doubles
-    shares: Doubles
-    simple: Mask
-    settled: tuple[tuple[Ints, Doubles], ...] = ()
+    values: Float64Array
+    shares: Float64Array
+    simple: BoolArray
+    settled: tuple[tuple[Int32Array, Float64Array], ...] = ()
 
     @classmethod
-    def by(cls, values: Doubles) -> Self:
+    def by(cls, values: Float64Array) -> Self:
         """Cut nodes where (m, 3) values say."""
         return cls(values, opaque_share(values), np.ones(len(values), bool))
 
     def __getitem__(self, rows: slice) -> "_Cuts":
         return _Cuts(self.values[rows], self.shares[rows], self.simple[rows])
 
-    def among(self, others: "_Cuts", here: Mask) -> "_Cuts":
+    def among(self, others: "_Cuts", here: BoolArray) -> "_Cuts":
         """Put them where `here` is true, (m,), and others where it is not."""
         every = np.argsort(np.argsort(~here, kind="stable"))
         return _Cuts(
@@ -80,7 +80,7 @@ class _Cuts:
         )
 
 
-def _cut(cards: "Cards", nodes: Ints, shortest: int, room: int) -> _Cuts:
+def _cut(cards: "Cards", nodes: Int32Array, shortest: int, room: int) -> _Cuts:
     """Cut nodes, (m, 5), of which it is unknown whether they are clear or opaque.
 
     The largest are quartered first: where that takes too many nodes, the rest are thus about as large.
@@ -104,7 +104,7 @@ def _cut(cards: "Cards", nodes: Ints, shortest: int, room: int) -> _Cuts:
     certain = _Cuts.by(np.repeat(states[~unknown, None].astype(np.float64), 3, axis=1))
     parts = below[:count].among(certain, unknown)
     shares = parts.shares.reshape(-1, 4)
-    joined: Mask = np.all(parts.simple.reshape(-1, 4), axis=1)
+    joined: BoolArray = np.all(parts.simple.reshape(-1, 4), axis=1)
     edges, is_cut = cards.edges(nodes[split][joined], 1 + int(halvings[split].max()))
     slopes = np.where(is_cut[:, None], edges, shares[joined, :3])
     values = np.zeros((len(joined), 3))

@@ -35,12 +35,12 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
 
 def _with_roles(part: Part, options: LightOptions) -> Part:
     there = not _is_named(part, options.exclude)
-    receives = there and not part.look.unlit and not _is_named(part, options.occluders_only)
+    receives = there and not part.material.unlit and not _is_named(part, options.occluders_only)
     return replace(
         part,
         receives=receives and (not options.only or _is_named(part, options.only)),
-        occludes=there and (options.glass_occludes or not part.look.glass),
-        two_sided=options.two_sided or part.look.leafy,
+        occludes=there and (options.glass_occludes or not part.material.transparent),
+        two_sided=options.two_sided or part.material.foliage,
     )
 
 
@@ -56,9 +56,9 @@ def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
     first: dict[int, int] = {}
     result = []
     for number, part in enumerate(parts):
-        piece = part.instance_of if share else part.repeats
+        piece = part.instance_of if share else part.repeat_of
         owner = first.setdefault(number if piece is None else piece, number) if part.receives else number
-        result.append(replace(part, shares=None if owner == number else owner))
+        result.append(replace(part, uv_owner=None if owner == number else owner))
     return tuple(result)
 
 
@@ -79,7 +79,7 @@ def _require_known(parts: Sequence[Part], option: str, patterns: Collection[str]
 
 def _nothing_to_bake(scene: Scene, options: LightOptions) -> InputError | UsageError:
     asked = [part for part in scene.parts if not options.only or _is_named(part, options.only)]
-    if all(part.look.unlit for part in asked):
+    if all(part.material.unlit for part in asked):
         return InputError(
             f"{scene.path}: nothing to bake: its materials are unlit (KHR_materials_unlit), which no ambient occlusion "
             "shows on; make them lit ones"

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from aoprecalc.mesh.normals import area_vectors
 from aoprecalc.mesh.unit_sphere import centred
-from aoprecalc.types import Doubles, Mask, Scene
+from aoprecalc.types import BoolArray, Float64Array, Scene
 
 
-def faces_by_area(upto: Doubles, where: Doubles) -> NDArray[np.intp]:
+def faces_by_area(upto: Float64Array, where: Float64Array) -> NDArray[np.intp]:
     """Return the face at each of k numbers in [0, 1]; one without area is never met.
 
     upto   (f,) the areas of each face and all before it; the last is > 0
@@ -22,7 +22,7 @@ def faces_by_area(upto: Doubles, where: Doubles) -> NDArray[np.intp]:
     return faces
 
 
-def folded(along: Doubles, across: Doubles) -> tuple[Doubles, Doubles]:
+def folded(along: Float64Array, across: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Fold numbers in [0, 1), which span a parallelogram, into the triangle that is its half."""
     beyond = along + across > 1
     return np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
@@ -40,24 +40,24 @@ class SurfacePoints:
     """
 
     faces: NDArray[np.intp]
-    weights: Doubles
+    weights: Float64Array
 
     def __len__(self) -> int:
         return len(self.faces)
 
-    def at(self, corners: NDArray[np.floating]) -> Doubles:
+    def at(self, corners: NDArray[np.floating]) -> Float64Array:
         """Interpolate values at the corners of all faces, (f, 3, c), to the points, (k, c) float64."""
-        values: Doubles = np.einsum("kc,kcx->kx", self.weights, corners[self.faces].astype(np.float64))
+        values: Float64Array = np.einsum("kc,kcx->kx", self.weights, corners[self.faces].astype(np.float64))
         return values
 
 
-def spread_points(scene: Scene, covers: Mask, count: int, seed: int) -> SurfacePoints:
+def spread_points(scene: Scene, mapped: BoolArray, count: int, seed: int) -> SurfacePoints:
     """Draw `count` points uniformly by area from the faces in `covers`, (f,) bool; some of these must have area.
 
     The faces laid end to end are cut into `count` pieces of equal area, and each piece has one point: how many fall on
     a region varies far less than if each were drawn from all of them.
     """
-    areas = np.linalg.norm(area_vectors(centred(scene.positions)[scene.faces]), axis=1) * covers
+    areas = np.linalg.norm(area_vectors(centred(scene.positions)[scene.faces]), axis=1) * mapped
     rng = np.random.default_rng(seed)
     where = (np.arange(count) + rng.random(count)) / count
     along, across = folded(rng.random(count), rng.random(count))

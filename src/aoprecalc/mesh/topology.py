@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from aoprecalc.types import Ints, Mask
+from aoprecalc.types import BoolArray, Int32Array
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Topology:
     watertight: bool
 
 
-def topology(faces: Ints) -> Topology:
+def topology(faces: Int32Array) -> Topology:
     """Describe (f, 3) faces over welded positions; faces that repeat a position are left out."""
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not proper.any():
@@ -27,18 +27,18 @@ def topology(faces: Ints) -> Topology:
     return Topology(len(np.unique(islands(faces))), watertight)
 
 
-def islands(corners: Ints) -> Ints:
+def islands(corners: Int32Array) -> Int32Array:
     """Return the island of each face, (f,) int32, for (f, 3) corner numbers: faces that share a number are of one."""
     size = int(corners.max()) + 1
     rows = np.concatenate([corners[:, 0], corners[:, 0]])
     columns = np.concatenate([corners[:, 1], corners[:, 2]])
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
     labels = connected_components(graph, directed=False)[1]
-    island: Ints = np.unique(labels[corners[:, 0]], return_inverse=True)[1].astype(np.int32)
+    island: Int32Array = np.unique(labels[corners[:, 0]], return_inverse=True)[1].astype(np.int32)
     return island
 
 
-def edge_ids(corners: Ints) -> Ints:
+def edge_ids(corners: Int32Array) -> Int32Array:
     """Return a number for each edge of (f, 3) corner numbers, (f, 3) int32, equal where two faces share the edge.
 
     Edge c of a face runs from its corner c to the next.
@@ -48,8 +48,8 @@ def edge_ids(corners: Ints) -> Ints:
     return ids.astype(np.int32).reshape(-1, 3)
 
 
-def borders(corners: Ints) -> Mask:
+def borders(corners: Int32Array) -> BoolArray:
     """Return which edges, (f, 3), belong to one face alone."""
     ids = edge_ids(corners)
-    alone: Mask = np.bincount(ids.ravel())[ids] == 1
+    alone: BoolArray = np.bincount(ids.ravel())[ids] == 1
     return alone

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from aoprecalc.mesh.normals import geometric_normals
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
-from aoprecalc.types import Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 
 @dataclass(frozen=True, eq=False)
-class UnitSurface:
+class NormalizedSurface:
     """A surface and what is in its light's way, within 1 of the origin, where 32-bit floats resolve 1e-7.
 
     positions   (v, 3) float32; those that take no part may lie farther away
@@ -24,21 +24,21 @@ class UnitSurface:
     floor       the unit vector away from the endless floor; None where there is none
     """
 
-    positions: Floats
-    faces: Ints
-    shading: Floats
-    geometric: Floats
-    occluders: Floats
-    reach: Floats
+    positions: Float32Array
+    faces: Int32Array
+    shading: Float32Array
+    geometric: Float32Array
+    occluders: Float32Array
+    reach: Float32Array
     floor: tuple[float, float, float] | None
 
     @classmethod
-    def of(cls, scene: Scene, shading: Floats) -> Self:
+    def of(cls, scene: Scene, shading: Float32Array) -> Self:
         """Take a scene and its (f, 3, 3) shading normals."""
         reach = taking_part(scene)
         middle, radius = bounding_sphere(reach)
 
-        def inside(positions: Doubles) -> Floats:
+        def inside(positions: Float64Array) -> Float32Array:
             return ((positions - middle) / radius).astype(np.float32)
 
         occluders = opaque_triangles(scene)
@@ -53,16 +53,18 @@ class UnitSurface:
             floor=scene.floor,
         )
 
-    def is_below(self, directions: NDArray[np.floating]) -> Mask:
+    def is_below(self, directions: NDArray[np.floating]) -> BoolArray:
         """Tell which of (..., 3) directions lead down to the floor; level ones do not."""
-        below: Mask = np.zeros(directions.shape[:-1], bool)
+        below: BoolArray = np.zeros(directions.shape[:-1], bool)
         return below if self.floor is None else directions @ np.asarray(self.floor, directions.dtype) < 0
 
     def turned(self) -> Self:
         """Return the surface with its other side in front."""
         return replace(self, shading=-self.shading, geometric=-self.geometric)
 
-    def at(self, faces: NDArray[np.integer], weights: NDArray[np.floating]) -> tuple[Doubles, Doubles, Doubles]:
+    def at(
+        self, faces: NDArray[np.integer], weights: NDArray[np.floating]
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return positions, n and g, (k, 3) float64 each, at k points: their faces and (k, 3) barycentric weights.
 
         Where n would leave the surface's own side (n.g <= 0) it is g.
@@ -77,21 +79,21 @@ class UnitSurface:
         return positions, shading / np.where(lengths > 0, lengths, 1), geometric
 
 
-def taking_part(scene: Scene) -> Doubles:
+def taking_part(scene: Scene) -> Float64Array:
     """Return the positions, (r, 3), of the faces that receive or occlude."""
     there = scene.receives | scene.occludes
     return scene.positions if there.all() else scene.positions[np.unique(scene.faces[there])]
 
 
-def centred(positions: Doubles) -> Doubles:
+def centred(positions: Float64Array) -> Float64Array:
     """Move and scale (v, 3) positions into the unit sphere about the middle of their box."""
     middle, radius = bounding_sphere(positions)
-    scaled: Doubles = (positions - middle) / radius
+    scaled: Float64Array = (positions - middle) / radius
     return scaled
 
 
-def bounding_sphere(positions: Doubles) -> tuple[Doubles, float]:
+def bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
     """Return the middle of the box of (v, 3) positions and the least radius about it that holds them; 1 for a point."""
-    middle: Doubles = (positions.min(axis=0) + positions.max(axis=0)) / 2
+    middle: Float64Array = (positions.min(axis=0) + positions.max(axis=0)) / 2
     radius = float(np.sqrt(((positions - middle) ** 2).sum(axis=1).max()))
     return middle, radius if radius > 0 else 1.0

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aoprecalc.metrics.flip import flip
-from aoprecalc.types import Doubles, Floats
+from aoprecalc.types import Float32Array, Float64Array
 
 Answer = Literal["equal", "near", "different"]
 
@@ -19,9 +19,9 @@ class Pair:
     flip            (h, w) float32 in [0, 1]: what an eye sees of the difference; None where the sizes differ
     """
 
-    first: Floats
-    second: Floats
-    flip: Floats | None
+    first: Float32Array
+    second: Float32Array
+    flip: Float32Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +60,13 @@ def figure(value: float | np.floating[Any]) -> float:
     return float(f"{value:.6g}")
 
 
-def shrunk(first: Doubles, second: Doubles) -> tuple[Doubles, Doubles]:
+def shrunk(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two arrays of finite numbers, divided by a power of two so that none is beyond 1: squares are finite."""
     exponent = np.frexp(max(np.abs(first).max(), np.abs(second).max()))[1]
     return np.ldexp(first, -exponent), np.ldexp(second, -exponent)
 
 
-def diagonal(points: Doubles) -> float:
+def diagonal(points: Float64Array) -> float:
     """Return the diagonal of the box around points, (..., 3), none of them beyond 1; 1 where they are all the same."""
     return float(np.linalg.norm(np.ptp(points.reshape(-1, 3), axis=0))) or 1.0
 
@@ -77,7 +77,7 @@ _NOTICED = 2 / 255  # of a pixel's difference
 _ROUNDING = 1e-6  # of fractions of 255 in 32 bits, which must not count as more
 
 
-def picture_difference(first: Floats, second: Floats) -> Difference:
+def picture_difference(first: Float32Array, second: Float32Array) -> Difference:
     """Compare pictures, (h, w, channels) float32, all finite, channels >= 1, by the root mean square of second - first.
 
     Of several channels the one whose root mean square is greatest speaks for all. Where only one picture has several,
@@ -109,7 +109,7 @@ def picture_difference(first: Floats, second: Floats) -> Difference:
     return Difference(rms, equal=rms == 0, details=details, pair=Pair(one, other, seen), warnings=tuple(said))
 
 
-def _mean_square(first: Floats, second: Floats) -> float:
+def _mean_square(first: Float32Array, second: Float32Array) -> float:
     return float(np.mean(np.square(second.astype(np.float64) - first)))
 
 
@@ -127,11 +127,11 @@ class Surface:
     picture_uvs   (f, 3, 2) float64: how it lies on the mesh, one of the sets or made from it; NaN where it does not
     """
 
-    corners: Doubles
-    normals: Floats | None
-    uv_sets: tuple[Doubles, ...]
-    picture: Floats | None = None
-    picture_uvs: Doubles | None = None
+    corners: Float64Array
+    normals: Float32Array | None
+    uv_sets: tuple[Float64Array, ...]
+    picture: Float32Array | None = None
+    picture_uvs: Float64Array | None = None
 
 
 def mesh_difference(first: Surface, second: Surface) -> Difference:
@@ -185,7 +185,7 @@ def _unlike(first: Surface, second: Surface) -> str:
     return ""
 
 
-def _farthest(first: Doubles | Floats, second: Doubles | Floats) -> float:
+def _farthest(first: Float64Array | Float32Array, second: Float64Array | Float32Array) -> float:
     """Return the greatest distance between two arrays' points, (..., d); places without a point count as 0."""
     with np.errstate(over="ignore"):  # UVs may be of any size
         away = np.linalg.norm(second.astype(np.float64) - first, axis=-1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.texture_lookup import bilinear, mip_chain
-from aoprecalc.types import Doubles, Floats
+from aoprecalc.types import Float32Array, Float64Array
 
 MIP_LEVELS = 5
 _APART = 0.01  # of the bounding diagonal: as near as two of the worst places may be
@@ -44,7 +44,7 @@ class Place:
         return self.value - self.reference
 
 
-def summarise(differences: Doubles) -> Errors:
+def summarise(differences: Float64Array) -> Errors:
     """Describe (k,) errors, k >= 1."""
     sizes = np.abs(differences)
     p50, p95, p99 = np.percentile(sizes, [50, 95, 99])
@@ -53,7 +53,7 @@ def summarise(differences: Doubles) -> Errors:
 
 
 def errors_at_levels(
-    picture: Floats, uvs: Doubles, reference: Doubles, *, repeats: bool, levels: int = MIP_LEVELS
+    picture: Float32Array, uvs: Float64Array, reference: Float64Array, *, repeats: bool, levels: int = MIP_LEVELS
 ) -> tuple[Errors, ...]:
     """Describe the errors of each level of a picture's mip chain, as far as there are so many.
 
@@ -66,7 +66,12 @@ def errors_at_levels(
 
 
 def worst_places(
-    positions: Doubles, uvs: Doubles, values: Doubles, reference: Doubles, diagonal: float, count: int = 10
+    positions: Float64Array,
+    uvs: Float64Array,
+    values: Float64Array,
+    reference: Float64Array,
+    diagonal: float,
+    count: int = 10,
 ) -> tuple[Place, ...]:
     """Return the points of greatest error, the worst first, no two nearer than a hundredth of the bounding diagonal.
 
@@ -101,8 +106,8 @@ class Verified:
     levels: tuple[Errors, ...]
     worst: tuple[Place, ...]
     rays: int
-    uvs: Doubles
-    errors: Doubles
+    uvs: Float64Array
+    errors: Float64Array
 
     @property
     def points(self) -> int:

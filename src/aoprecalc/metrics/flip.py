@@ -8,7 +8,7 @@ paper's three channels the achromatic one is left.
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from aoprecalc.types import Doubles, Floats
+from aoprecalc.types import Float32Array, Float64Array
 
 PIXELS_PER_DEGREE = 67  # of the visual angle: a display 0.7 m wide, of 3840 pixels, seen from 0.7 m
 
@@ -21,7 +21,7 @@ _LARGEST = 41.27610  # HyAB distance of Hunt-adjusted green and blue, to the pow
 _ROWS = 512  # are worked on at a time, so that memory stays small however high a picture is
 
 
-def flip(first: Floats, second: Floats, pixels_per_degree: float = PIXELS_PER_DEGREE) -> Floats:
+def flip(first: Float32Array, second: Float32Array, pixels_per_degree: float = PIXELS_PER_DEGREE) -> Float32Array:
     """Return what an eye sees of the difference at each pixel, (h, w) float32 in [0, 1]; 0 where there is none.
 
     first, second       (h, w), finite, grey as linear light; what lies outside [0, 1] becomes the nearest end
@@ -48,62 +48,62 @@ def flip(first: Floats, second: Floats, pixels_per_degree: float = PIXELS_PER_DE
     return seen
 
 
-def _colour(first: Doubles, second: Doubles, sensitivity: Doubles) -> Doubles:
+def _colour(first: Float64Array, second: Float64Array, sensitivity: Float64Array) -> Float64Array:
     """Return how far apart colours, (h, w), are once the eye has blurred them, in [0, 1]."""
     seen, other = (_lightness(_filter(picture, sensitivity, sensitivity)) for picture in (first, second))
     power = np.abs(seen - other) ** _COLOUR_POWER
     knee = _KNEE * _LARGEST
     beyond = _KNEE_VALUE + (power - knee) / (_LARGEST - knee) * (1 - _KNEE_VALUE)
-    found: Doubles = np.where(power < knee, power * (_KNEE_VALUE / knee), beyond)
+    found: Float64Array = np.where(power < knee, power * (_KNEE_VALUE / knee), beyond)
     return found
 
 
-def _strength(picture: Doubles, across: Doubles, along: Doubles) -> Doubles:
+def _strength(picture: Float64Array, across: Float64Array, along: Float64Array) -> Float64Array:
     """Return how strong edges or points are in a picture, (h, w), whatever their direction."""
     return np.hypot(_filter(picture, across, along), _filter(picture, along, across))
 
 
-def _filter(picture: Doubles, across: Doubles, along: Doubles) -> Doubles:
+def _filter(picture: Float64Array, across: Float64Array, along: Float64Array) -> Float64Array:
     """Filter rows by one kernel and columns by another; beyond its border a picture goes on as it ends."""
-    rows: Doubles = correlate1d(picture, across, axis=1, mode="nearest")
-    found: Doubles = correlate1d(rows, along, axis=0, mode="nearest")
+    rows: Float64Array = correlate1d(picture, across, axis=1, mode="nearest")
+    found: Float64Array = correlate1d(rows, along, axis=0, mode="nearest")
     return found
 
 
-def _lightness(light: Doubles) -> Doubles:
+def _lightness(light: Float64Array) -> Float64Array:
     """Return CIE L*, 0 to 100, of linear light, 0 to 1."""
     small = 6 / 29
     root = np.where(light > small**3, np.cbrt(light), light / (3 * small**2) + 4 / 29)
-    lightness: Doubles = 116 * root - 16
+    lightness: Float64Array = 116 * root - 16
     return lightness
 
 
-def _bell(deviation: float, reach: float, pixels_per_degree: float) -> Doubles:
+def _bell(deviation: float, reach: float, pixels_per_degree: float) -> Float64Array:
     """Return a Gaussian whose weights add up to 1; both numbers are in degrees."""
     radius = int(np.ceil(reach * pixels_per_degree))
     x = np.arange(-radius, radius + 1) / pixels_per_degree
     weights = np.exp(-(x**2) / (2 * deviation**2))
-    bell: Doubles = weights / weights.sum()
+    bell: Float64Array = weights / weights.sum()
     return bell
 
 
-def _edge(bell: Doubles) -> Doubles:
+def _edge(bell: Float64Array) -> Float64Array:
     """Return the first derivative of a Gaussian; what is above 0 adds up to 1, what is below to -1."""
     return _balanced(-_places(bell) * bell)
 
 
-def _point(bell: Doubles, deviation: float) -> Doubles:
+def _point(bell: Float64Array, deviation: float) -> Float64Array:
     """Return the second derivative of a Gaussian of that deviation, in pixels, balanced in the same way."""
     return _balanced(((_places(bell) / deviation) ** 2 - 1) * bell)
 
 
-def _places(kernel: Doubles) -> Doubles:
+def _places(kernel: Float64Array) -> Float64Array:
     """Return the places of a kernel's weights, in pixels from its middle."""
     radius = len(kernel) // 2
     return np.arange(-radius, radius + 1, dtype=np.float64)
 
 
-def _balanced(weights: Doubles) -> Doubles:
+def _balanced(weights: Float64Array) -> Float64Array:
     above, below = weights.clip(min=0), weights.clip(max=0)
-    balanced: Doubles = above / above.sum() - below / below.sum()
+    balanced: Float64Array = above / above.sum() - below / below.sum()
     return balanced

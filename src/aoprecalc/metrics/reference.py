@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from aoprecalc.mesh.sampling import SurfacePoints
-from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import Estimator, VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.types import Doubles, Floats, Scene
-from aoprecalc.visibility.directions import perpendiculars
-from aoprecalc.visibility.rays import LIFT, Occluders
+from aoprecalc.types import Float32Array, Float64Array, Scene
+from aoprecalc.visibility.directions import orthonormal_basis
+from aoprecalc.visibility.rays import LIFT, RayCaster
 
 _BLOCK = 1 << 20  # rays cast at a time: some 60 MB
 
@@ -21,8 +21,8 @@ def rays_used(rays: int) -> int:
 
 
 def reference(
-    scene: Scene, shading: Floats, points: SurfacePoints, options: VerifyOptions, progress: Progress
-) -> Doubles:
+    scene: Scene, shading: Float32Array, points: SurfacePoints, options: VerifyOptions, progress: Progress
+) -> Float64Array:
     """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
@@ -33,8 +33,8 @@ def reference(
     Faces that are two-sided have the larger of both sides' values. Points done are counted on `progress`.
     Raises RendererError where rays cannot be cast.
     """
-    surface = UnitSurface.of(scene, shading)
-    occluders = Occluders(surface.occluders, options.threads)
+    surface = NormalizedSurface.of(scene, shading)
+    occluders = RayCaster(surface.occluders, options.threads)
     places, normals, geometric = surface.at(points.faces, points.weights)
     values = _one_side(surface, occluders, places, normals, geometric, options, progress)
     backs = np.flatnonzero(scene.two_sided[points.faces])
@@ -44,14 +44,14 @@ def reference(
 
 
 def _one_side(
-    surface: UnitSurface,
-    occluders: Occluders,
-    places: Doubles,
-    normals: Doubles,
-    geometric: Doubles,
+    surface: NormalizedSurface,
+    occluders: RayCaster,
+    places: Float64Array,
+    normals: Float64Array,
+    geometric: Float64Array,
     options: VerifyOptions,
     progress: Progress,
-) -> Doubles:
+) -> Float64Array:
     rays = rays_used(options.rays)
     rng = np.random.default_rng(options.seed)
     values = np.empty(len(places))
@@ -62,18 +62,18 @@ def _one_side(
         directions = _hemispheres(normals[block], rays, rng)
         in_front = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
         origins = np.repeat((places[block] + LIFT * geometric[block]).astype(np.float32), rays, axis=0)
-        hidden = occluders.hidden(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
+        hidden = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
         seen = in_front & ~hidden & ~surface.is_below(directions)
         values[block] = _share(seen.sum(axis=1), in_front.sum(axis=1), rays, options.estimator)
         progress.advance(len(upward))
     return values
 
 
-def _share(seen: Doubles, in_front: Doubles, rays: int, estimator: Estimator) -> Doubles:
+def _share(seen: Float64Array, in_front: Float64Array, rays: int, estimator: Estimator) -> Float64Array:
     return seen / rays if estimator == "mean" else seen / np.maximum(in_front, 1)
 
 
-def _hemispheres(normals: Doubles, rays: int, rng: np.random.Generator) -> Floats:
+def _hemispheres(normals: Float64Array, rays: int, rng: np.random.Generator) -> Float32Array:
     """Draw `rays` unit directions about each of m normals, (m, rays, 3), each in its cell of a square grid.
 
     Their density is the cosine with the normal over pi: points uniform on a disc, lifted onto the sphere.
@@ -83,7 +83,7 @@ def _hemispheres(normals: Doubles, rays: int, rng: np.random.Generator) -> Float
     height = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)  # 1 - cos^2
     turn = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
     radius = np.sqrt(height)
-    frames = np.stack([*perpendiculars(normals), normals], axis=1)
+    frames = np.stack([*orthonormal_basis(normals), normals], axis=1)
     local = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(np.maximum(1 - height, 0))], axis=2)
-    directions: Floats = np.matmul(local, frames.astype(np.float32))
+    directions: Float32Array = np.matmul(local, frames.astype(np.float32))
     return directions

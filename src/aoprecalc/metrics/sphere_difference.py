@@ -8,9 +8,9 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from scipy.spatial import cKDTree
 
 from aoprecalc.metrics.difference import Difference, diagonal, figure, shrunk, unlike
-from aoprecalc.types import Doubles, Ints, Mask
+from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
-Spheres = tuple[Doubles, Doubles]
+Spheres = tuple[Float64Array, Float64Array]
 
 _FEW = 2000  # spheres of which all pairs may be looked at
 _PARTNERS = 16  # of each of more spheres may be looked at, on average: time and memory stay small
@@ -54,7 +54,7 @@ def _level(first: Spheres, second: Spheres) -> tuple[float, float, float, bool]:
     return float((centers + radii).max() / size), float(centers.max() / size), float(radii.max() / size), ordered
 
 
-def _pairs(first: Doubles, second: Doubles) -> tuple[Ints, bool]:
+def _pairs(first: Float64Array, second: Float64Array) -> tuple[Int32Array, bool]:
     """Give each of the first spheres, (n, 4), its own of the second so that the greatest distance is least.
 
     Returns (n,) numbers, and whether they had to be the files' order: many spheres, far from all others, have too many
@@ -87,7 +87,7 @@ def _reaches(first: cKDTree, second: cKDTree, most: float) -> Iterator[float]:
     yield most * _ROUNDING
 
 
-def _least(one: Ints, other: Ints, distances: Doubles, found: Ints, reach: float) -> Ints:
+def _least(one: Int32Array, other: Int32Array, distances: Float64Array, found: Int32Array, reach: float) -> Int32Array:
     """Return the pairs of least greatest distance, given some of at most `reach`."""
     steps = np.unique(distances[distances <= reach])
     low, high = 0, len(steps) - 1  # the pairs of steps[high] are known
@@ -101,20 +101,20 @@ def _least(one: Ints, other: Ints, distances: Doubles, found: Ints, reach: float
     return found
 
 
-def _matching(one: Ints, other: Ints, allowed: Mask, count: int) -> Ints | None:
+def _matching(one: Int32Array, other: Int32Array, allowed: BoolArray, count: int) -> Int32Array | None:
     """Return a partner for each of `count` spheres, each its own, among the allowed pairs; None where there is none."""
     pairs = csr_array((allowed[allowed], (one[allowed], other[allowed])), shape=(count, count))
-    found: Ints = maximum_bipartite_matching(pairs, perm_type="column")
+    found: Int32Array = maximum_bipartite_matching(pairs, perm_type="column")
     return None if (found < 0).any() else found
 
 
-def _distances(first: Doubles, second: Doubles) -> Doubles:
+def _distances(first: Float64Array, second: Float64Array) -> Float64Array:
     centers, radii = _parts(first, second)
-    distances: Doubles = centers + radii
+    distances: Float64Array = centers + radii
     return distances
 
 
-def _parts(first: Doubles, second: Doubles) -> tuple[Doubles, Doubles]:
+def _parts(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return how far centres are apart, and radii, of (n, 4) spheres."""
     apart = second - first
     return np.linalg.norm(apart[:, :3], axis=1), np.abs(apart[:, 3])

@@ -23,12 +23,12 @@ from aoprecalc.io import input_files
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.dask_worker import Place, Terms, end, look_around, look_elsewhere, work_in_folder, work_on_bytes
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
-from aoprecalc.pipeline.visibility_task import Glance, Seen
+from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
 from aoprecalc.pipeline.workers import Event
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
-from aoprecalc.types import Floats
-from aoprecalc.visibility.setup import Side, Site, runs
+from aoprecalc.types import Float32Array
+from aoprecalc.visibility.setup import BakeSetup, SurfaceSide, chunks
 
 _PATIENCE = 30  # seconds for a scheduler to answer, and to have a worker
 _LOOK = 1  # seconds between two looks at the workers
@@ -218,7 +218,7 @@ def _outcome(job: Job, future: Any) -> Outcome:
 # A sight that is spread over the workers of a cluster: each looks along some groups of axes.
 
 
-class Spread(AbstractContextManager["Spread"]):
+class ClusterVisibility(AbstractContextManager["ClusterVisibility"]):
     """Opens sights that are spread over a cluster, for the length of a `with` block."""
 
     def __init__(self, scheduler: str, shown: str) -> None:
@@ -228,7 +228,7 @@ class Spread(AbstractContextManager["Spread"]):
             self._threads = threads_of_a_job(self._client)
             self._stack = stack.pop_all()
         self._shown, self._terms = shown, Terms(secrets.token_hex(8), __version__)
-        self._sights: list[SpreadSight] = []
+        self._sights: list[DistributedVisibility] = []
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -238,32 +238,34 @@ class Spread(AbstractContextManager["Spread"]):
             self._client.cancel([future for sight in self._sights for future in sight.left()])
             self._client.run(end, self._terms.batch)
 
-    def __call__(self, site: Site, side: Side, shadow_size: int, most: int, progress: Progress) -> "SpreadSight":
+    def __call__(
+        self, site: BakeSetup, side: SurfaceSide, shadow_size: int, most: int, progress: Progress
+    ) -> "DistributedVisibility":
         """Have the workers begin to look; see OpenSight."""
         options = replace(site.subject.options, threads=self._threads)
         subject = replace(site.subject, scene=replace(site.subject.scene, document=None), options=options)
         sent = self._client.scatter(pickle.dumps(subject), hash=False, broadcast=True)
-        held = runs(len(side.texels), most)
+        held = chunks(len(side.texels), most)
         name, number = secrets.token_hex(8), site.sides.index(side)
         futures: dict[tuple[int, int], Any] = {}
         for group in range(len(site.groups)):
             for run in held:
-                glance = Glance(self._shown, name, b"", number, group, run.start, run.stop, most, shadow_size)
+                glance = VisibilityTask(self._shown, name, b"", number, group, run.start, run.stop, most, shadow_size)
                 futures[group, run.start] = self._client.submit(
                     look_elsewhere, glance, sent, self._terms, pure=False, priority=-len(futures)
                 )
-        self._sights.append(SpreadSight(site, futures, progress))
+        self._sights.append(DistributedVisibility(site, futures, progress))
         return self._sights[-1]
 
 
-class SpreadSight:
+class DistributedVisibility:
     """Waits for what others see; a Sight."""
 
-    def __init__(self, site: Site, futures: dict[tuple[int, int], Any], progress: Progress) -> None:
+    def __init__(self, site: BakeSetup, futures: dict[tuple[int, int], Any], progress: Progress) -> None:
         """Have the futures of (group, first texel of a run)."""
         self._site, self._futures, self._progress = site, futures, progress
 
-    def sums(self, samples: Samples, held: slice, group: int) -> Floats:
+    def sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
         """See Sight; raises AoprecalcError where a worker could not look."""
         future = self._futures.pop((group, held.start))
         try:
@@ -274,7 +276,7 @@ class SpreadSight:
             raise AoprecalcError(
                 f"{found}; see to its scheduler and workers, and run the same command again"
             ) from error
-        if not isinstance(outcome, Seen):
+        if not isinstance(outcome, VisibilitySums):
             raise AoprecalcError(outcome.message)
         axes = self._site.groups[group]
         self._progress.advance(2 * (axes.stop - axes.start))

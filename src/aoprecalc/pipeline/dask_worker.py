@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import aoprecalc
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
-from aoprecalc.pipeline.visibility_task import Glance, Seen
+from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
 from aoprecalc.pipeline.workers import Child
 from aoprecalc.system import whole_cores
 
@@ -104,9 +104,9 @@ def work_on_bytes(job: Job, inputs: dict[str, bytes], terms: Terms) -> tuple[Out
         return outcome, {name: file.read_bytes() for name, file in outcome.files.items()}
 
 
-def look_elsewhere(glance: Glance, subject: bytes, terms: Terms) -> Seen | Failure:
+def look_elsewhere(glance: VisibilityTask, subject: bytes, terms: Terms) -> VisibilitySums | Failure:
     """Look where a glance says, at a subject that is sent by itself, once for all glances."""
-    return cast(Seen | Failure, _ask(replace(glance, subject=subject), terms))
+    return cast(VisibilitySums | Failure, _ask(replace(glance, subject=subject), terms))
 
 
 def end(batch: str) -> None:
@@ -117,7 +117,7 @@ def end(batch: str) -> None:
         child.close_if_idle()
 
 
-def _ask(request: Job | Glance, terms: Terms) -> Any:
+def _ask(request: Job | VisibilityTask, terms: Terms) -> Any:
     """Have this thread's process of a batch do what is asked."""
     party = _parties.setdefault(terms.batch, _Party())
     if terms.version != aoprecalc.__version__:

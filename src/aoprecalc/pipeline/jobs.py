@@ -15,7 +15,7 @@ from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_report
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.visibility.gather import OpenSight, OwnSight
+from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 
 
 @dataclass(frozen=True)
@@ -151,23 +151,23 @@ class Heard(Progress):
         self.warnings.append(text)
 
 
-def own_sight(job: Job) -> AbstractContextManager[OpenSight]:
+def local_visibility(job: Job) -> AbstractContextManager[VisibilityFactory]:
     """Have a job's process look by itself."""
-    return nullcontext(OwnSight)
+    return nullcontext(LocalVisibility)
 
 
 def work(
     job: Job,
     tell: Callable[[str], None],
-    sight_of: Callable[[Job], AbstractContextManager[OpenSight]] = own_sight,
+    sight_of: Callable[[Job], AbstractContextManager[VisibilityFactory]] = local_visibility,
 ) -> Outcome:
     """Make what is asked for in the staging folder, and tell each stage; nothing is left there if it fails.
 
     sight_of   returns, for the length of a `with` block, what makes that which sees
     """
     try:
-        with sight_of(job) as open_sight:
-            return _make(job, Heard(tell), open_sight)
+        with sight_of(job) as make_visibility:
+            return _make(job, Heard(tell), make_visibility)
     except AoprecalcError as error:
         kind: Kind = "crash" if isinstance(error, KilledError) else "error"
         return Failure(kind, _shown(job, str(error)), error.exit_code)
@@ -180,7 +180,7 @@ def work(
         return Failure("error", f"{job.shown}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
 
 
-def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
+def _make(job: Job, heard: Heard, make_visibility: VisibilityFactory) -> Made:
     order, folder, summary = job.order, job.folder, dict[str, Any]()
     job.staging.mkdir(parents=True, exist_ok=True)
     with Outputs(job.staging) as outputs:
@@ -192,7 +192,7 @@ def _make(job: Job, heard: Heard, open_sight: OpenSight) -> Made:
                 stem=job.stem,
                 verify=order.verify,
                 outputs=outputs,
-                open_sight=open_sight,
+                make_visibility=make_visibility,
                 options=order.bake,
                 progress=heard,
             )

@@ -9,10 +9,10 @@ import sys
 from contextlib import AbstractContextManager
 from multiprocessing.connection import Connection
 
-from aoprecalc.pipeline.jobs import Job, own_sight, work
-from aoprecalc.pipeline.visibility_task import Eyes, Glance
+from aoprecalc.pipeline.jobs import Job, local_visibility, work
+from aoprecalc.pipeline.visibility_task import VisibilityTask, VisibilityWorker
 from aoprecalc.subprocesses import end_with_parent
-from aoprecalc.visibility.gather import OpenSight
+from aoprecalc.visibility.gather import VisibilityFactory
 
 
 def main() -> None:
@@ -21,11 +21,11 @@ def main() -> None:
     if os.getppid() != int(sys.argv[2]):  # it died before that
         return
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
-    connection, eyes = Connection(int(sys.argv[1])), Eyes()
+    connection, eyes = Connection(int(sys.argv[1])), VisibilityWorker()
     try:
         while True:
             request = connection.recv()
-            if isinstance(request, Glance):
+            if isinstance(request, VisibilityTask):
                 connection.send(eyes.look(request))
             else:
                 connection.send(work(request, connection.send, _sight_of))
@@ -33,13 +33,13 @@ def main() -> None:
         return
 
 
-def _sight_of(job: Job) -> AbstractContextManager[OpenSight]:
+def _sight_of(job: Job) -> AbstractContextManager[VisibilityFactory]:
     """Have a job's process look by itself, or the workers of a cluster."""
     if job.spread is None:
-        return own_sight(job)
-    from aoprecalc.pipeline.dask_client import Spread  # needs an extra
+        return local_visibility(job)
+    from aoprecalc.pipeline.dask_client import ClusterVisibility  # needs an extra
 
-    return Spread(job.spread, job.shown)
+    return ClusterVisibility(job.spread, job.shown)
 
 
 if __name__ == "__main__":

@@ -15,11 +15,11 @@ from typing import Any, Protocol
 
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
-from aoprecalc.pipeline.visibility_task import Glance
+from aoprecalc.pipeline.visibility_task import VisibilityTask
 from aoprecalc.subprocesses import command, environment
 from aoprecalc.system import usable_memory, whole_cores
 
-Request = Job | Glance
+Request = Job | VisibilityTask
 
 POLL = 0.05  # seconds between two looks at the clock and at whether to stop
 _MOST_JOBS = 100  # of one process: what libraries leak does not grow without bounds

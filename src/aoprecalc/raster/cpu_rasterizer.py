@@ -18,7 +18,7 @@ from aoprecalc.raster.samples import (
     kept_inside,
 )
 from aoprecalc.raster.spans import Longs, counted_out, edge_squares, snap, triangle_spans
-from aoprecalc.types import Floats, Ints, Mask, Texels
+from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
 
 _DEPTH_STEPS = 2.0**24 - 1.0  # of the depth buffer that `raster` draws with
 _NUMBER_BITS = 32  # what the number of a border takes, below its depth
@@ -118,7 +118,9 @@ class ScanlineRaster:
             np.minimum.at(drawn, ((at - row) * width + column)[touched], seen)
         return drawn
 
-    def _meet(self, border: Longs, square: Floats, sample_at: tuple[float, float]) -> tuple[Floats, Floats, Mask]:
+    def _meet(
+        self, border: Longs, square: Float32Array, sample_at: tuple[float, float]
+    ) -> tuple[Float32Array, Float32Array, BoolArray]:
         """Where (n,) borders, within squares with low corners (2, n), are nearest to samples: see border.frag.glsl.
 
         Returns, (n,) each, the place as a share of the border's length, its distance from the sample in texels, and
@@ -136,18 +138,18 @@ class ScanlineRaster:
             leave = np.where(still, leave, np.minimum(leave, np.maximum(*cuts)))
         wanted = square + np.asarray(sample_at, np.float32)[:, None]
         nearest = _dot(wanted - starts, alongs) / np.maximum(_dot(alongs, alongs), 1e-20)
-        share: Floats = np.clip(nearest, enter, leave)
+        share: Float32Array = np.clip(nearest, enter, leave)
         return share, _length(wanted - (starts + share * alongs)), touched & (enter <= leave)
 
-    def _weights_inside(self, triangle: Longs, square: Floats, sample_at: tuple[float, float]) -> Floats:
+    def _weights_inside(self, triangle: Longs, square: Float32Array, sample_at: tuple[float, float]) -> Float32Array:
         """The weights, (2, n), of the second and third corner of triangles at samples: see triangle.frag.glsl."""
         start, to_b, to_c, (whole,) = np.split(self._triangles[:, triangle], [2, 4, 6])
         wanted = square + np.asarray(sample_at, np.float32)[:, None] - start
         whole[whole == 0] = 1
-        weights: Floats = np.stack([_cross(wanted, to_c), _cross(to_b, wanted)]) / whole
+        weights: Float32Array = np.stack([_cross(wanted, to_c), _cross(to_b, wanted)]) / whole
         return weights
 
-    def _weights_beside(self, border: Longs, square: Floats, sample_at: tuple[float, float]) -> Floats:
+    def _weights_beside(self, border: Longs, square: Float32Array, sample_at: tuple[float, float]) -> Float32Array:
         """The weights, (2, n), of the second and third corner of borders' faces at the borders' samples."""
         along_share = self._meet(border, square, sample_at)[0]
         start, along, apex = np.split(self._borders[:, border], 3)
@@ -159,7 +161,7 @@ class ScanlineRaster:
         return weights[1:]
 
 
-def _pulled_inward(along: Floats, inward: Floats) -> Floats:
+def _pulled_inward(along: Float32Array, inward: Float32Array) -> Float32Array:
     """How far a border's sample moves from the border, as a share of the way to the third corner: see border.frag.glsl.
 
     along    (2, n) the border, in texels
@@ -168,25 +170,25 @@ def _pulled_inward(along: Floats, inward: Floats) -> Floats:
     height = np.abs(_cross(along, inward)) / np.maximum(_length(along), 1e-9)
     by_height = INWARD / np.maximum(height, 1e-9)
     by_length = ASIDE / np.maximum(_length(inward), 1e-9)
-    share: Floats = np.minimum(DEEPEST, np.minimum(by_height, by_length))
+    share: Float32Array = np.minimum(DEEPEST, np.minimum(by_height, by_length))
     return share
 
 
-def _low_corners(row: Ints | Longs, column: Ints | Longs) -> Floats:
+def _low_corners(row: Int32Array | Longs, column: Int32Array | Longs) -> Float32Array:
     """The low corners, (2, n), of the squares of texels."""
     return np.stack([column, row]).astype(np.float32)
 
 
-def _cross(u: Floats, v: Floats) -> Floats:
-    product: Floats = u[0] * v[1] - u[1] * v[0]
+def _cross(u: Float32Array, v: Float32Array) -> Float32Array:
+    product: Float32Array = u[0] * v[1] - u[1] * v[0]
     return product
 
 
-def _dot(u: Floats, v: Floats) -> Floats:
-    product: Floats = u[0] * v[0] + u[1] * v[1]
+def _dot(u: Float32Array, v: Float32Array) -> Float32Array:
+    product: Float32Array = u[0] * v[0] + u[1] * v[1]
     return product
 
 
-def _length(u: Floats) -> Floats:
-    length: Floats = np.sqrt(_dot(u, u))
+def _length(u: Float32Array) -> Float32Array:
+    length: Float32Array = np.sqrt(_dot(u, u))
     return length

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from aoprecalc.gl.shaders import draw_program
 from aoprecalc.raster.layout import Layout, least_weights, off_borders
 from aoprecalc.raster.samples import BORDER_RULES, CENTER, GRID, Samples, bands, in_blocks, kept_inside
-from aoprecalc.types import Floats, Texels
+from aoprecalc.types import Float32Array, Texels
 
 _PACKAGE = "aoprecalc.raster"
 
@@ -93,7 +93,7 @@ class Raster:
             program["size"] = self._surface.size
         return self._context
 
-    def _read(self, row: int, rows: int, sample_at: tuple[float, float]) -> Floats:
+    def _read(self, row: int, rows: int, sample_at: tuple[float, float]) -> Float32Array:
         """Draw the band of `rows` rows that starts at `row`; return what the target holds, (rows * width, 4)."""
         context = self._begin(row, self._fill, self._edge)
         self._fill["sample_at"] = self._edge["sample_at"] = sample_at
@@ -104,6 +104,6 @@ class Raster:
             self._edges.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(self.layout.borders))
         return self._texels(rows)
 
-    def _texels(self, rows: int) -> Floats:
-        found: Floats = np.frombuffer(self._surface.read(), np.float32).reshape(-1, 4)
+    def _texels(self, rows: int) -> Float32Array:
+        found: Float32Array = np.frombuffer(self._surface.read(), np.float32).reshape(-1, 4)
         return found[: rows * self.layout.width]

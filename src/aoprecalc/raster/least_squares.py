@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import Doubles, Floats, Mask
+from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
 Indices = NDArray[np.int64]
 
@@ -37,15 +37,17 @@ class Reconstruction:
     def __init__(self, width: int, height: int, *, wraps: bool) -> None:
         """Start with no measurements; `wraps`: look-ups beyond an edge go round, else they stay at the edge."""
         self._shape, self._wraps = (height, width), wraps
-        self._targets: Floats = np.zeros(self._shape, np.float32)
-        self._diagonal: Floats = np.zeros(self._shape, np.float32)
+        self._targets: Float32Array = np.zeros(self._shape, np.float32)
+        self._diagonal: Float32Array = np.zeros(self._shape, np.float32)
         self._beside = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
         # What was measured at the spot of its texel and waits for the rest that was: weights, and weights times values.
         self._spot: tuple[float, float] | None = None
-        self._pattern: tuple[Floats, ...] = ()
+        self._pattern: tuple[Float32Array, ...] = ()
 
-    def add(self, places: Floats, values: Floats, weights: Doubles, spot: tuple[float, float] | None = None) -> None:
+    def add(
+        self, places: Float32Array, values: Float32Array, weights: Float64Array, spot: tuple[float, float] | None = None
+    ) -> None:
         """Add measurements: (m, 2) float32 places in texels (right, down), (m,) values and (m,) weights >= 0.
 
         spot   where in the square of its texel a place usually lies: all of these are added at once, which is faster
@@ -65,13 +67,13 @@ class Reconstruction:
             places, values, weights = places[~there], values[~there], weights[~there]
         self._add_each(places, values, weights)
 
-    def touched(self) -> Mask:
+    def touched(self) -> BoolArray:
         """Return which texels a look-up at any of the places reads, (height, width)."""
         self._add_pattern()
-        mask: Mask = self._diagonal > 0
+        mask: BoolArray = self._diagonal > 0
         return mask
 
-    def means(self) -> Floats:
+    def means(self) -> Float32Array:
         """Return the mean of what the look-ups that read a texel measured, by their shares; 0 where none reads it.
 
         (height, width) float32. It is of the surface alone that reads the texel, whatever lies nearer to it.
@@ -82,7 +84,7 @@ class Reconstruction:
         )  # shares add up to 1: sums of weight * share
         return np.divide(self._targets, reads, out=np.zeros_like(reads), where=reads > 0)
 
-    def improve(self, picture: Floats) -> Floats:
+    def improve(self, picture: Float32Array) -> Float32Array:
         """Return the (height, width) float32 picture nearest to the measurements, by conjugate gradients.
 
         Texels that no look-up reads stay as they are; where all measurements agree with `picture` so do the others.
@@ -109,10 +111,10 @@ class Reconstruction:
             direction = scaled + np.float32(power / before) * direction
         return picture + change
 
-    def _at(self, spot: tuple[float, float], places: Floats) -> tuple[Mask, Indices]:
+    def _at(self, spot: tuple[float, float], places: Float32Array) -> tuple[BoolArray, Indices]:
         """Return which places lie at the spot of their texel, away from the picture's edges, and all their texels."""
         height, width = self._shape
-        there: Mask = np.ones(len(places), bool)
+        there: BoolArray = np.ones(len(places), bool)
         corners = []
         for place, wanted, size in zip(places.T, spot, (width, height), strict=True):
             corner = np.floor(place)
@@ -146,7 +148,7 @@ class Reconstruction:
                 if other is not None:
                     _add_shifted(plane, shift, share * other * weight)
 
-    def _add_each(self, places: Floats, values: Floats, weights: Doubles) -> None:
+    def _add_each(self, places: Float32Array, values: Float32Array, weights: Float64Array) -> None:
         """Add measurements at any places, one by one."""
         taps = dict(self._taps(places))
         for tap, (index, share) in taps.items():
@@ -159,7 +161,7 @@ class Reconstruction:
                 if other in taps:
                     _scatter(plane, texels, which, weighted * taps[other][1])
 
-    def _taps(self, places: Floats) -> Iterator[tuple[tuple[int, int], tuple[Indices, Floats]]]:
+    def _taps(self, places: Float32Array) -> Iterator[tuple[tuple[int, int], tuple[Indices, Float32Array]]]:
         """Yield the four texels of a look-up: where each lies (down, right), its flat indices and its shares."""
         height, width = self._shape
         half = np.float32(0.5)
@@ -179,27 +181,27 @@ class Reconstruction:
             share = (below if lower else 1 - below) * (along if farther else 1 - along)
             yield (lower, farther), (rows[lower] * width + columns[farther], share)
 
-    def _apply(self, picture: Floats, diagonal: Floats) -> Floats:
+    def _apply(self, picture: Float32Array, diagonal: Float32Array) -> Float32Array:
         """Multiply a picture by the symmetric matrix of the normal equations with this diagonal."""
-        result: Floats = diagonal * picture
+        result: Float32Array = diagonal * picture
         for (down, right), plane in self._beside.items():
             result += plane * np.roll(picture, (-down, -right), axis=(0, 1))
             result += np.roll(plane * picture, (down, right), axis=(0, 1))
         return result
 
 
-def _scatter(plane: Floats, texels: Indices, which: Indices, values: Doubles) -> None:
+def _scatter(plane: Float32Array, texels: Indices, which: Indices, values: Float64Array) -> None:
     """Add each value to one of the texels, which are distinct."""
     plane.reshape(-1)[texels] += np.bincount(which, values, minlength=len(texels)).astype(np.float32)
 
 
-def _add_shifted(plane: Floats, shift: tuple[int, int], added: Floats) -> None:
+def _add_shifted(plane: Float32Array, shift: tuple[int, int], added: Float32Array) -> None:
     """Add a picture, 0 at its edges, moved (down, right) by at most one texel each."""
     to = tuple(slice(max(0, by), size + min(0, by)) for by, size in zip(shift, plane.shape, strict=True))
     of = tuple(slice(max(0, -by), size + min(0, -by)) for by, size in zip(shift, plane.shape, strict=True))
     plane[to] += added[of]
 
 
-def _dot(a: Floats, b: Floats) -> float:
+def _dot(a: Float32Array, b: Float32Array) -> float:
     """Sum of products, in an order that no number of threads changes."""
     return float((a * b).sum(dtype=np.float64))

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from aoprecalc.options import Fill
 from aoprecalc.raster.least_squares import Reconstruction
-from aoprecalc.types import Floats, Mask, Texels, Texture
+from aoprecalc.types import BoolArray, Float32Array, Texels, Texture
 
 _BAND_ROWS = 512
 
@@ -21,18 +21,18 @@ class Painting:
     valid    (height, width) bool: texels that the surface covers and whose value was measured
     """
 
-    values: Floats
-    known: Mask
-    valid: Mask
+    values: Float32Array
+    known: BoolArray
+    valid: BoolArray
 
 
-def paint(texels: Texels, values: Floats, measured: Mask, reconstruction: Reconstruction) -> Painting:
+def paint(texels: Texels, values: Float32Array, measured: BoolArray, reconstruction: Reconstruction) -> Painting:
     """Put the means of texels, (k,) float32 in [0, 1], into a picture; only the measured ones, (k,) bool, count.
 
     reconstruction   what was measured, as darkness (1 - value): the picture is improved to fit it
     """
-    picture: Floats = np.zeros((texels.height, texels.width), np.float32)
-    valid: Mask = np.zeros(picture.shape, bool)
+    picture: Float32Array = np.zeros((texels.height, texels.width), np.float32)
+    valid: BoolArray = np.zeros(picture.shape, bool)
     index = texels.index[measured]
     picture.ravel()[index], valid.ravel()[index] = values[measured], True
     known = valid | reconstruction.touched()
@@ -64,7 +64,7 @@ def finish(painting: Painting, padding: int, fill: Fill, *, wraps: bool = False)
     return Texture(padded, valid)
 
 
-def pad(picture: Floats, valid: Mask, reach: int, *, wraps: bool = False) -> tuple[Floats, Mask]:
+def pad(picture: Float32Array, valid: BoolArray, reach: int, *, wraps: bool = False) -> tuple[Float32Array, BoolArray]:
     """Extend valid texels by `reach` texels; returns the picture and the mask of all texels that now have a value.
 
     Each new texel copies the nearest valid one, so charts never mix. Texels farther away are 0.
@@ -74,8 +74,8 @@ def pad(picture: Floats, valid: Mask, reach: int, *, wraps: bool = False) -> tup
     height, width = valid.shape
     sides = (min(reach, height), min(reach, width)) if wraps else (0, 0)
     margin = [(side, side) for side in sides]
-    source: Floats = np.pad(picture, margin, mode="wrap")
-    mask: Mask = np.pad(valid, margin, mode="wrap")
+    source: Float32Array = np.pad(picture, margin, mode="wrap")
+    mask: BoolArray = np.pad(valid, margin, mode="wrap")
     result, known = np.zeros_like(source), np.zeros_like(mask)
     for start in range(0, len(source), _BAND_ROWS):
         stop = min(start + _BAND_ROWS, len(source))
@@ -92,7 +92,7 @@ def pad(picture: Floats, valid: Mask, reach: int, *, wraps: bool = False) -> tup
     return result[inner].copy(), known[inner].copy()
 
 
-def push_pull(picture: Floats, known: Mask) -> Floats:
+def push_pull(picture: Float32Array, known: BoolArray) -> Float32Array:
     """Fill unknown texels smoothly from ever coarser means of the known ones.
 
     (S. Gortler, R. Grzeszczuk, R. Szeliski, M. Cohen, "The Lumigraph", 1996.) Known texels keep their values.

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import Floats, Ints, Mask, Texels
+from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
 
 _BITS = 11  # of a coordinate
 
@@ -57,11 +57,11 @@ class Samples:
     weights   (k, 3) float32, barycentric, >= 0, sum 1; (1, 0, 0) where there is no sample
     """
 
-    faces: Ints
-    weights: Floats
+    faces: Int32Array
+    weights: Float32Array
 
 
-def only(samples: Samples, faces: Mask) -> Samples:
+def only(samples: Samples, faces: BoolArray) -> Samples:
     """Return the samples without those that lie on other faces than these, (f,) bool."""
     away = (samples.faces < 0) | ~faces[samples.faces]
     weights = np.where(away[:, None], np.array((1, 0, 0), np.float32), samples.weights)
@@ -101,7 +101,7 @@ def in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     return index[np.argsort(z_order(blocks)[row * across + column], kind="stable")]
 
 
-def kept_inside(weights: Floats) -> Floats:
+def kept_inside(weights: Float32Array) -> Float32Array:
     """Return all three weights, (n, 3), of points moved onto their face, from (2, n): those of the last two corners."""
     second, third = np.maximum(weights, 0)
     total = np.maximum(1, second + third)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.raster.samples import GRID
-from aoprecalc.types import Doubles, Floats
+from aoprecalc.types import Float32Array, Float64Array
 
 Longs = NDArray[np.int64]
 
@@ -27,7 +27,7 @@ def counted_out(counts: Longs) -> Iterator[tuple[Longs, Longs]]:
         start, before = stop, int(ends[stop - 1])
 
 
-def snap(triangles: Floats, sample_at: tuple[float, float]) -> Longs:
+def snap(triangles: Float32Array, sample_at: tuple[float, float]) -> Longs:
     """Move triangles, (m, 3, 2) in texels, so that samples fall on texel centres; snap them to the grid.
 
     Returns (m, 3, 2) int64 in steps of the grid, the corners of each from top to bottom. Done in single precision, as
@@ -60,7 +60,7 @@ def triangle_spans(corners: Longs, width: int, row: int, rows: int) -> Iterator[
         yield triangle[some], ((at - row) * width + left)[some], (right - left)[some]
 
 
-def edge_squares(edges: Doubles, width: int, row: int, rows: int) -> Iterator[tuple[Longs, Longs, Longs]]:
+def edge_squares(edges: Float64Array, width: int, row: int, rows: int) -> Iterator[tuple[Longs, Longs, Longs]]:
     """Yield the texels whose squares edges touch, within rows row..row + rows, in drawing order.
 
     edges   (e, 2, 2): from and to, in texels

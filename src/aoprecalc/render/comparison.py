@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aoprecalc.metrics import Pair
-from aoprecalc.types import Doubles, Floats, Texels
+from aoprecalc.types import Float32Array, Float64Array, Texels
 
 FULL = 0.1  # the error that has full colour
 NO_SURFACE = (48, 48, 48)
@@ -21,7 +21,7 @@ def heat_map_size(width: int, height: int) -> tuple[int, int]:
     return width, height
 
 
-def paint(texels: Texels, uvs: Doubles, errors: Doubles, *, repeats: bool) -> NDArray[np.uint8]:
+def paint(texels: Texels, uvs: Float64Array, errors: Float64Array, *, repeats: bool) -> NDArray[np.uint8]:
     """Paint errors, (k,) texture minus reference, at (k, 2) UVs; returns (height, width, 3) RGB, row 0 at v = 1.
 
     Each of the surface's `texels` shows the error of the point nearest to it in texture space: blue where the texture
@@ -75,7 +75,7 @@ def comparison_picture(pair: Pair) -> NDArray[np.uint8]:
     return picture
 
 
-def _fit(values: Floats) -> Doubles:
+def _fit(values: Float32Array) -> Float64Array:
     """Return a picture, (h, w), in larger pixels if it is small, in fewer, the means of blocks, if it is large."""
     longer = max(values.shape)
     if longer < TILE_MIN_SIZE:
@@ -85,22 +85,22 @@ def _fit(values: Floats) -> Doubles:
     return _means(_means(values, side, 0), side, 1)
 
 
-def _means(values: Floats | Doubles, side: int, axis: int) -> Doubles:
+def _means(values: Float32Array | Float64Array, side: int, axis: int) -> Float64Array:
     """Return the means of runs of `side` values along an axis; the last run may be shorter."""
     starts = np.arange(0, values.shape[axis], side)
     counts = np.diff([*starts, values.shape[axis]])
-    sums: Doubles = np.add.reduceat(values, starts, axis=axis, dtype=np.float64)
+    sums: Float64Array = np.add.reduceat(values, starts, axis=axis, dtype=np.float64)
     return sums / (counts[:, None] if axis == 0 else counts)
 
 
-def _grey(values: Doubles) -> NDArray[np.uint8]:
+def _grey(values: Float64Array) -> NDArray[np.uint8]:
     return _bytes(values[:, :, None].repeat(3, axis=2))
 
 
-def _glow(values: Doubles) -> NDArray[np.uint8]:
+def _glow(values: Float64Array) -> NDArray[np.uint8]:
     """Paint values of [0, 1]: red grows to its most first, then green, then blue."""
     return _bytes(3 * values[:, :, None] - (0, 1, 2))
 
 
-def _bytes(colors: Doubles) -> NDArray[np.uint8]:
+def _bytes(colors: Float64Array) -> NDArray[np.uint8]:
     return np.floor(np.clip(colors, 0, 1) * 255 + 0.5).astype(np.uint8)

@@ -7,7 +7,7 @@ import numpy as np
 
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.raster.spans import Longs, counted_out, snap, triangle_spans
-from aoprecalc.types import Doubles, Mask
+from aoprecalc.types import BoolArray, Float64Array
 
 _TOWARDS = np.array([0.38, 0.56, 0.86])  # the camera, from what it looks at; made a unit vector below
 _MARGIN = 0.92  # share of the picture that may be filled
@@ -23,14 +23,14 @@ class Camera:
     width, height   of the picture, in pixels
     """
 
-    axes: Doubles
-    middle: Doubles
+    axes: Float64Array
+    middle: Float64Array
     scale: float
     width: int
     height: int
 
     @classmethod
-    def around(cls, points: Doubles, width: int, height: int) -> Self:
+    def around(cls, points: Float64Array, width: int, height: int) -> Self:
         """Show all points, (k, 3), k >= 1, as large as the picture allows."""
         towards = _TOWARDS / np.linalg.norm(_TOWARDS)
         right = np.array([towards[2], 0.0, -towards[0]]) / np.hypot(towards[0], towards[2])
@@ -44,27 +44,27 @@ class Camera:
         """Return the camera of the same picture with `times` as many pixels each way."""
         return Camera(self.axes, self.middle, self.scale * times, self.width * times, self.height * times)
 
-    def places(self, points: Doubles) -> Doubles:
+    def places(self, points: Float64Array) -> Float64Array:
         """Return the column and row, in pixels, and the nearness, in units, of points: (..., 3) from (..., 3)."""
-        seen: Doubles = points @ self.axes.T
+        seen: Float64Array = points @ self.axes.T
         seen[..., 0] = (seen[..., 0] - self.middle[0]) * self.scale + self.width / 2
         seen[..., 1] = (self.middle[1] - seen[..., 1]) * self.scale + self.height / 2
         return seen
 
-    def points(self, nearness: Doubles) -> Doubles:
+    def points(self, nearness: Float64Array) -> Float64Array:
         """Return the points of that nearness, (height, width), that the centres of pixels show: (height, width, 3)."""
         across, upward = self._spread()
         right, top, towards = self.axes
-        found: Doubles = across[:, None] * right + upward[:, None, None] * top + nearness[..., None] * towards
+        found: Float64Array = across[:, None] * right + upward[:, None, None] * top + nearness[..., None] * towards
         return found
 
-    def ground(self, level: float) -> Doubles:
+    def ground(self, level: float) -> Float64Array:
         """Return the nearness, (height, width), of the plane y = `level` at the centres of pixels."""
         upward = self._spread()[1]
         nearness = (level - upward * self.axes[1, 1]) / self.axes[2, 1]
         return np.repeat(nearness[:, None], self.width, axis=1)
 
-    def _spread(self) -> tuple[Doubles, Doubles]:
+    def _spread(self) -> tuple[Float64Array, Float64Array]:
         """Where the centres of columns, (width,), and of rows, (height,), lie along the first two axes."""
         across = self.middle[0] + (np.arange(self.width) + 0.5 - self.width / 2) / self.scale
         return across, self.middle[1] + (self.height / 2 - 0.5 - np.arange(self.height)) / self.scale
@@ -78,7 +78,7 @@ _NOTHING = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class GBuffer:
     """What is seen at each pixel.
 
     there      (height, width) bool: there is something
@@ -86,12 +86,12 @@ class Seen:
     normals    (height, width, 3) float64: unit vectors on the camera's side, 0 where there is nothing
     """
 
-    there: Mask
-    nearness: Doubles
-    normals: Doubles
+    there: BoolArray
+    nearness: Float64Array
+    normals: Float64Array
 
 
-def see_mesh(corners: Doubles, normals: Doubles, camera: Camera) -> Seen:
+def rasterize_mesh(corners: Float64Array, normals: Float64Array, camera: Camera) -> GBuffer:
     """Look at triangles, (f, 3, 3), with normals at their corners, (f, 3, 3), from either side."""
     places = camera.places(corners)
     front = _front(places, camera)
@@ -109,10 +109,10 @@ def see_mesh(corners: Doubles, normals: Doubles, camera: Camera) -> Seen:
     lengths = np.linalg.norm(pointing, axis=1, keepdims=True)
     found_normals = np.zeros((*front.shape, 3))
     found_normals[there] = pointing / np.where(lengths > 0, lengths, 1)
-    return Seen(there, nearness, found_normals)
+    return GBuffer(there, nearness, found_normals)
 
 
-def see_spheres(centers: Doubles, radii: Doubles, camera: Camera) -> Seen:
+def rasterize_spheres(centers: Float64Array, radii: Float64Array, camera: Camera) -> GBuffer:
     """Look at spheres, (n, 3) and (n,) >= 0, exactly: no triangles."""
     shape = camera.height, camera.width
     nearness, normals = np.full(shape, -np.inf), np.zeros((*shape, 3))
@@ -132,10 +132,10 @@ def see_spheres(centers: Doubles, radii: Doubles, camera: Camera) -> Seen:
         nearness[box][front] = (near + depth)[front]
         sides = np.stack([*np.broadcast_arrays(across, upward[:, None]), depth], axis=-1)[front]
         normals[box][front] = sides @ camera.axes / radius
-    return Seen(np.isfinite(nearness), nearness, normals)
+    return GBuffer(np.isfinite(nearness), nearness, normals)
 
 
-def _front(places: Doubles, camera: Camera) -> Longs:
+def _front(places: Float64Array, camera: Camera) -> Longs:
     """The triangle, of (f, 3, 3) columns, rows and nearnesses, in front at each pixel, (height, width); -1: none."""
     planes = _planes(places)
     nearest, farthest = places[..., 2].max(axis=1), places[..., 2].min(axis=1)
@@ -154,7 +154,7 @@ def _front(places: Doubles, camera: Camera) -> Longs:
     return found.reshape(camera.height, camera.width)
 
 
-def _planes(places: Doubles) -> Doubles:
+def _planes(places: Float64Array) -> Float64Array:
     """The nearness of each triangle's plane as x column + y row + constant, (3, f); of one seen edge-on, its middle."""
     (bx, by, bz), (cx, cy, cz) = ((places[:, corner] - places[:, 0]).T for corner in (1, 2))
     area = bx * cy - by * cx
@@ -166,13 +166,13 @@ def _planes(places: Doubles) -> Doubles:
     return np.stack([x, y, at])
 
 
-def _weights(places: Doubles, pixels: Doubles) -> Doubles:
+def _weights(places: Float64Array, pixels: Float64Array) -> Float64Array:
     """Barycentric weights, (k, 3), >= 0 and of sum 1, of (2, k) columns and rows in (k, 3, 3) seen triangles."""
     a, b, c = (places[:, corner, :2].T for corner in range(3))
     (bx, by), (cx, cy), (px, py) = b - a, c - a, pixels - a
     area = bx * cy - by * cx
     area = np.where(np.abs(area) < 1e-9, 1e-9, area)
     second, third = (px * cy - py * cx) / area, (bx * py - by * px) / area
-    weights: Doubles = np.clip(np.stack([1 - second - third, second, third], axis=1), 0, 1)
+    weights: Float64Array = np.clip(np.stack([1 - second - third, second, third], axis=1), 0, 1)
     weights /= weights.sum(axis=1, keepdims=True)
     return weights

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.render.rasterizer import Camera, Seen, see_mesh, see_spheres
+from aoprecalc.render.rasterizer import Camera, GBuffer, rasterize_mesh, rasterize_spheres
 from aoprecalc.spheres.sampling import Frame
 from aoprecalc.spheres.silhouettes import Views, mesh_silhouettes, sphere_counts
-from aoprecalc.types import Doubles, Floats, Ints, Mask, Scene
-from aoprecalc.visibility.directions import GOLDEN, perpendiculars
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
+from aoprecalc.visibility.directions import GOLDEN, orthonormal_basis
 
 LIGHT = np.array([-0.44, 1.0, 0.06]) / np.linalg.norm([-0.44, 1.0, 0.06])  # towards the middle of the light
 _DIRECTIONS, _WIDEST = 64, np.radians(20)  # of the light, and how far they are from its middle
@@ -21,46 +21,46 @@ _SIZE = 400  # pixels a side of the silhouettes that are cast
 _BLUR = 0.016  # units: hides that the light has so many parts and no more
 _KEY, _SKY, _BOUNCE = 0.78, 0.36, 0.16  # strength of the light, of the sky, and of what the ground gives back
 
-Silhouettes = Callable[[Views], Mask]
+Silhouettes = Callable[[Views], BoolArray]
 
 
-def directions() -> Doubles:
+def directions() -> Float64Array:
     """Return unit vectors towards all parts of the light, (64, 3)."""
     index = np.arange(_DIRECTIONS)
     aside = _WIDEST * ((index + 0.5) / _DIRECTIONS) ** _EVENNESS
     angle = 2 * np.pi * (index * GOLDEN % 1.0)
-    across, upward = (side[0] for side in perpendiculars(LIGHT[None]))
+    across, upward = (side[0] for side in orthonormal_basis(LIGHT[None]))
     around = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * upward
-    found: Doubles = np.sin(aside)[:, None] * around + np.cos(aside)[:, None] * LIGHT
+    found: Float64Array = np.sin(aside)[:, None] * around + np.cos(aside)[:, None] * LIGHT
     return found
 
 
-def outer() -> Doubles:
+def outer() -> Float64Array:
     """Return unit vectors towards the outer parts of the light, all around, (16, 3): beyond hardly any shadow falls."""
     return directions()[-32:-16]
 
 
-def shaded(normals: Doubles) -> Doubles:
+def shaded(normals: Float64Array) -> Float64Array:
     """Return how bright a white surface with unit normals, (..., 3), is: (...,), about 0.1 to 1, linear."""
     upward = normals[..., 1]
     facing = normals @ LIGHT
     softened = np.sin(_WIDEST)  # the light's edge still reaches a surface that has turned away from its middle
     key = np.where(facing > softened, facing, np.maximum(facing + softened, 0) ** 2 / (4 * softened))
-    bright: Doubles = _KEY * key + _SKY * (0.5 + 0.5 * upward) + _BOUNCE * (0.5 - 0.5 * upward)
+    bright: Float64Array = _KEY * key + _SKY * (0.5 + 0.5 * upward) + _BOUNCE * (0.5 - 0.5 * upward)
     return bright
 
 
-def mesh_caster(positions: Doubles, faces: Ints) -> Silhouettes:
+def mesh_caster(positions: Float64Array, faces: Int32Array) -> Silhouettes:
     """Return what draws the silhouettes of (f, 3) faces over (v, 3) positions."""
     return lambda seen: mesh_silhouettes(positions, faces, seen)
 
 
-def sphere_caster(centers: Doubles, radii: Doubles) -> Silhouettes:
+def sphere_caster(centers: Float64Array, radii: Float64Array) -> Silhouettes:
     """Return what draws the silhouettes of spheres, (n, 3) and (n,)."""
     return lambda seen: sphere_counts(centers, radii, seen) > 0
 
 
-def ground_shadow(caster: Silhouettes, reach: float, level: float, camera: Camera) -> Floats:
+def ground_shadow(caster: Silhouettes, reach: float, level: float, camera: Camera) -> Float32Array:
     """Return the share of the light that is kept from the plane y = `level` at each pixel, (height, width) in [0, 1].
 
     reach   > 0: nothing that casts shadows is farther from the origin
@@ -68,7 +68,7 @@ def ground_shadow(caster: Silhouettes, reach: float, level: float, camera: Camer
     A place of the ground has no light from a direction if it lies in the silhouette that is seen from there.
     """
     ground = camera.points(camera.ground(level)).reshape(-1, 3)
-    across, upward = perpendiculars(directions())
+    across, upward = orthonormal_basis(directions())
     seen = Views(across, upward, 1.01 * reach, _SIZE)
     kept = np.zeros(len(ground), np.float32)
     for number in range(len(seen)):
@@ -79,14 +79,14 @@ def ground_shadow(caster: Silhouettes, reach: float, level: float, camera: Camer
         kept[inside] += mask[row[inside], column[inside]]
     share = (kept / len(seen)).reshape(camera.height, camera.width)
     blur = _BLUR * camera.scale
-    blurred: Floats = gaussian_filter(share, (blur * camera.axes[2, 1], blur), mode="nearest")
+    blurred: Float32Array = gaussian_filter(share, (blur * camera.axes[2, 1], blur), mode="nearest")
     return blurred
 
 
 # Side by side: a mesh with its shadow, and spheres with theirs, seen by the same camera in the same light.
 
 Picture = NDArray[np.uint8]
-Spheres = tuple[Doubles, Doubles]
+Spheres = tuple[Float64Array, Float64Array]
 Up = Literal["y", "z"]
 
 _FINER = 3  # pixels are drawn as squares of as many a side, and averaged
@@ -97,7 +97,7 @@ _SUNK = 1e-6  # in the frame: what is as far below the ground is still seen
 
 
 def spheres_picture(
-    scene: Scene, centers: Doubles, radii: Doubles, size: tuple[int, int] = (1200, 480), up: Up = "y"
+    scene: Scene, centers: Float64Array, radii: Float64Array, size: tuple[int, int] = (1200, 480), up: Up = "y"
 ) -> Picture:
     """Draw a mesh, on the left, and spheres, (n, 3) and (n,) in its coordinates, on the right.
 
@@ -125,25 +125,25 @@ def spheres_panels(
     camera = Camera.around(_framed(positions, placed, level), *size)
 
     normals = _y_up(shading_normals(scene), up)
-    seen = see_mesh(positions[scene.faces], normals, camera.finer(_FINER))
+    seen = rasterize_mesh(positions[scene.faces], normals, camera.finer(_FINER))
     reach = float(np.linalg.norm(positions, axis=1).max())
     shadow = ground_shadow(mesh_caster(positions, scene.faces), reach, level, camera)
     panels = [_painted(seen, shadow, level, camera, _STONE)]
     for centers, radii in placed:
-        seen = see_spheres(centers, radii, camera.finer(_FINER))
+        seen = rasterize_spheres(centers, radii, camera.finer(_FINER))
         reach = float((np.linalg.norm(centers, axis=1) + radii).max()) or 1.0
         shadow = ground_shadow(sphere_caster(centers, radii), reach, level, camera)
         panels.append(_painted(seen, shadow, level, camera, _BLUE))
     return panels
 
 
-def _y_up(vectors: NDArray[np.floating], up: Up) -> Doubles:
+def _y_up(vectors: NDArray[np.floating], up: Up) -> Float64Array:
     """Turn vectors, (..., 3), so that y points up."""
     turned = vectors if up == "y" else np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
     return turned.astype(np.float64)
 
 
-def _framed(positions: Doubles, sets: list[Spheres], level: float) -> Doubles:
+def _framed(positions: Float64Array, sets: list[Spheres], level: float) -> Float64Array:
     """Points, (k, 3), around which all is seen: the mesh, the spheres' boxes above the ground, and their shadows."""
     corners = [positions]
     for centers, radii in sets:
@@ -155,7 +155,7 @@ def _framed(positions: Doubles, sets: list[Spheres], level: float) -> Doubles:
     return np.concatenate([points, *(points - light * (height / light[1]) for light in outer())])
 
 
-def _painted(seen: Seen, shadow: Floats, level: float, camera: Camera, color: Doubles) -> Picture:
+def _painted(seen: GBuffer, shadow: Float32Array, level: float, camera: Camera, color: Float64Array) -> Picture:
     """Colour what is seen, finer than the shadow of the ground, (height, width), and average it to the same size."""
     finer = camera.finer(_FINER)
     paper = _PAPER * (1 - _DARKEST * shadow[..., None].astype(np.float64))

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.progress import Progress
 from aoprecalc.spheres.lloyd import Indices, nearest_two
-from aoprecalc.types import Doubles, Mask
+from aoprecalc.types import BoolArray, Float64Array
 
 _LARGEST = 3**0.5  # a radius beyond that of the sphere around the box [-1, 1]^3 has run away
 _FLAT = 1e-9  # a cluster is flat if its thickness / width, squared, is below: well above what float32 files round
@@ -34,8 +34,8 @@ class AlgebraicFit:
     costs        (iterations) floats: the sum of f^2 after each pairing; never rises, but for rounding
     """
 
-    centers: Doubles
-    radii: Doubles
+    centers: Float64Array
+    radii: Float64Array
     labels: Indices
     iterations: int
     converged: bool
@@ -43,7 +43,7 @@ class AlgebraicFit:
     costs: tuple[float, ...]
 
 
-def algebraic(points: Doubles, starts: Doubles, max_iterations: int, progress: Progress) -> AlgebraicFit:
+def algebraic(points: Float64Array, starts: Float64Array, max_iterations: int, progress: Progress) -> AlgebraicFit:
     """Give samples to the spheres of least |f| and fit the spheres to their samples until nothing changes.
 
     points           (s, 3) float64 in [-1, 1], on the grid of `sample.on_grid`: that makes means of equal points exact
@@ -73,7 +73,7 @@ def algebraic(points: Doubles, starts: Doubles, max_iterations: int, progress: P
     return AlgebraicFit(spheres[:, :3], spheres[:, 3], labels, len(costs), converged, guarded, tuple(costs))
 
 
-def _pair(lifted: Doubles, spheres: Doubles, labels: Indices) -> tuple[Indices, Doubles]:
+def _pair(lifted: Float64Array, spheres: Float64Array, labels: Indices) -> tuple[Indices, Float64Array]:
     """Find the sphere of least |f| for each sample, and that |f|.
 
     f = |P|^2 - 2 P.S + |S|^2 - r^2 is linear in the lifted samples, (s, 5): x, y, z, |P|^2, 1. labels (s,): the
@@ -98,7 +98,7 @@ def _pair(lifted: Doubles, spheres: Doubles, labels: Indices) -> tuple[Indices, 
     return found, distances
 
 
-def _fill_empty(points: Doubles, labels: Indices, distances: Doubles, count: int) -> None:
+def _fill_empty(points: Float64Array, labels: Indices, distances: Float64Array, count: int) -> None:
     """Restart every sphere without samples, of `count`, as a point: the sample of greatest |f| that can be spared.
 
     Spheres in ascending order; among equally far samples the first; never the last sample of a sphere, and no place
@@ -121,7 +121,9 @@ def _fill_empty(points: Doubles, labels: Indices, distances: Doubles, count: int
             break
 
 
-def _best_spheres(points: Doubles, spheres: Doubles, labels: Indices, distances: Doubles) -> tuple[Doubles, Mask]:
+def _best_spheres(
+    points: Float64Array, spheres: Float64Array, labels: Indices, distances: Float64Array
+) -> tuple[Float64Array, BoolArray]:
     """Fit each sphere to its samples (equation 1.2.2.2), or guard it from samples that would not hold it.
 
     With q = p - m about the mean m of a cluster and s = S - m, f = |q|^2 - 2 q.s + |s|^2 - r^2 is linear in s and in
@@ -137,7 +139,7 @@ def _best_spheres(points: Doubles, spheres: Doubles, labels: Indices, distances:
     """
     sizes = np.bincount(labels, minlength=len(spheres))
 
-    def mean(values: Doubles) -> Doubles:
+    def mean(values: Float64Array) -> Float64Array:
         return np.asarray(np.bincount(labels, values) / sizes, np.float64)
 
     middle = np.stack([mean(column) for column in points.T])

@@ -11,10 +11,10 @@ from aoprecalc.spheres.sampling import Frame
 from aoprecalc.spheres.shadow import BATCH, Target, shadow
 from aoprecalc.spheres.silhouette_descent import Descent
 from aoprecalc.spheres.voxels import Grid, inside_mesh
-from aoprecalc.types import Doubles, Scene
+from aoprecalc.types import Float64Array, Scene
 
 
-def pieces(corners: Doubles, longest: float) -> Doubles:
+def pieces(corners: Float64Array, longest: float) -> Float64Array:
     """Halve the longest side of triangles, (f, 3, 3), until none is longer than `longest` > 0; returns (m, 3, 3).
 
     The pieces cover the triangles exactly, but for the rounding of the middles of sides.
@@ -56,7 +56,7 @@ _ROUNDING = 1e-12  # in the frame, by which spheres are larger than what they ho
 
 
 def collision(
-    scene: Scene, frame: Frame, points: Doubles, count: int, rng: np.random.Generator, progress: Progress
+    scene: Scene, frame: Frame, points: Float64Array, count: int, rng: np.random.Generator, progress: Progress
 ) -> Fitted:
     """Fit `count` spheres that hold the surface of a scene, to within the rounding of coordinates.
 
@@ -80,7 +80,9 @@ def collision(
     return Fitted(centers, radii, begun.iterations + _STEPS, converged=True)
 
 
-def _pull(points: Doubles, centers: Doubles, radii: Doubles, scale: float, strength: float) -> Doubles:
+def _pull(
+    points: Float64Array, centers: Float64Array, radii: Float64Array, scale: float, strength: float
+) -> Float64Array:
     """By how much the spheres should move against (x, y, z) and radius for the points outside them, (n, 4)."""
     own = _nearest(points, centers, radii)
     aside = points - centers[own]
@@ -91,7 +93,7 @@ def _pull(points: Doubles, centers: Doubles, radii: Doubles, scale: float, stren
     return np.column_stack([*slope, np.bincount(own, weight, len(radii))])
 
 
-def _employed(small: Doubles, centers: Doubles, radii: Doubles) -> tuple[Doubles, Doubles]:
+def _employed(small: Float64Array, centers: Float64Array, radii: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Move each sphere to which no piece would be given to where others would have to grow most."""
     centers, radii = centers.copy(), radii.copy()
     middles = small.mean(axis=1)
@@ -114,7 +116,7 @@ def _one_each(own: Indices, order: Indices) -> Indices:
     return order[np.sort(first)]
 
 
-def _grown(small: Doubles, inside: Doubles, centers: Doubles, radii: Doubles) -> Doubles:
+def _grown(small: Float64Array, inside: Float64Array, centers: Float64Array, radii: Float64Array) -> Float64Array:
     """The radii with which spheres hold the pieces, (m, 3, 3), and points, (k, 3), that are nearest to them."""
     least = np.zeros(len(radii))
     own = _nearest(small.mean(axis=1), centers, radii)
@@ -129,7 +131,7 @@ def _grown(small: Doubles, inside: Doubles, centers: Doubles, radii: Doubles) ->
     return np.where(held, np.maximum(least, radii), least) + _ROUNDING
 
 
-def _inside(scene: Scene, frame: Frame) -> Doubles:
+def _inside(scene: Scene, frame: Frame) -> Float64Array:
     """Points of a grid inside a watertight mesh, (k, 3) in the frame; none in another."""
     if not topology(scene.faces).watertight:
         return np.zeros((0, 3))
@@ -138,7 +140,7 @@ def _inside(scene: Scene, frame: Frame) -> Doubles:
     return grid.points(inside_mesh(positions, scene.faces, grid))
 
 
-def _nearest(points: Doubles, centers: Doubles, radii: Doubles) -> Indices:
+def _nearest(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Indices:
     """The sphere in which each point lies deepest, or which is nearest to it, (k,); of many, among near centres.
 
     Any other choice would do, too, but give larger spheres.

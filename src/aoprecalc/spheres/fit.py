@@ -15,17 +15,17 @@ from aoprecalc.spheres.lloyd import Clusters, lloyd, radii, starts
 from aoprecalc.spheres.metrics import Quality, quality, signed_distances, silhouette_quality
 from aoprecalc.spheres.sampling import Frame, draw
 from aoprecalc.spheres.shadow import Target, shadow
-from aoprecalc.types import Doubles, Ints, Scene, SphereSet
+from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
 _MOST = 1 << 20  # pairs that are measured at a time: bounds memory
 
 
-def parents(finer: SphereSet, coarser: SphereSet) -> Ints:
+def parents(finer: SphereSet, coarser: SphereSet) -> Int32Array:
     """Return the number of the coarser sphere that each finer one belongs to, (n,) int32.
 
     That is the one whose surface is nearest to the finer sphere's centre, or lies farthest beyond it.
     """
-    found: Ints = np.empty(len(finer), np.int32)
+    found: Int32Array = np.empty(len(finer), np.int32)
     block = max(1, _MOST // len(coarser))
     for start in range(0, len(finer), block):
         aside = finer.centers[start : start + block, None] - coarser.centers
@@ -42,7 +42,7 @@ SAMPLES = 10  # that each sphere has at least: fewer would be fitted, not stood 
 def fewest(
     scene: Scene,
     frame: Frame,
-    points: Doubles,
+    points: Float64Array,
     attempt: Callable[[int], Fitted],
     tolerance: float,
     method: Method,
@@ -93,7 +93,7 @@ def fewest(
 def fitted(
     scene: Scene,
     frame: Frame,
-    points: Doubles,
+    points: Float64Array,
     count: int,
     options: SphereOptions,
     rng: np.random.Generator,
@@ -166,7 +166,9 @@ def fit(scene: Scene, options: SphereOptions, progress: Progress) -> tuple[Spher
     return found, measured
 
 
-def measure(scene: Scene, centers: Doubles, radii: Doubles, options: SphereOptions, progress: Progress) -> Quality:
+def measure(
+    scene: Scene, centers: Float64Array, radii: Float64Array, options: SphereOptions, progress: Progress
+) -> Quality:
     """Measure spheres of any origin, (n, 3) and (n,) in the mesh's coordinates, as `quality` does.
 
     Of the options only `samples` and `seed` count. Raises InputError where the scene's surface has no area.

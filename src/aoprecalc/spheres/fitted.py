@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from aoprecalc.types import Doubles
+from aoprecalc.types import Float64Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,8 +16,8 @@ class Fitted:
     guarded      how often a guard decided instead of the least squares (algebraic only)
     """
 
-    centers: Doubles
-    radii: Doubles
+    centers: Float64Array
+    radii: Float64Array
     iterations: int
     converged: bool
     guarded: int = 0

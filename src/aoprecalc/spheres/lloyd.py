@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.options import Init, Radius
 from aoprecalc.progress import Progress
-from aoprecalc.types import Doubles
+from aoprecalc.types import Float64Array
 
 Indices = NDArray[np.intp]
 
@@ -33,7 +33,7 @@ class Pairing:
     sizes    (n,) int64: samples in each cluster, all >= 1
     """
 
-    def __init__(self, points: Doubles, centers: Doubles) -> None:
+    def __init__(self, points: Float64Array, centers: Float64Array) -> None:
         """Pair samples, (s, 3) in [-1, 1] with at least n distinct ones, with centres, (n, 3)."""
         self._columns = np.ascontiguousarray(points.T)
         self._centers = centers
@@ -43,7 +43,7 @@ class Pairing:
         self._until_refresh = _REFRESH
         self._fill_empty()
 
-    def follow(self, centers: Doubles) -> None:
+    def follow(self, centers: Float64Array) -> None:
         """Pair the samples again, now that the centres are at `centers`, (n, 3) float64."""
         moved = np.sqrt(_squares(*(centers - self._centers).T))
         self._centers = centers
@@ -61,7 +61,7 @@ class Pairing:
             self._measure(start + np.flatnonzero(gaps <= _ROUNDING), around)
         self._fill_empty()
 
-    def _update_reach(self, moved: Doubles) -> None:
+    def _update_reach(self, moved: Float64Array) -> None:
         self._until_refresh -= 1
         if self._until_refresh > 0:
             self._reach += moved
@@ -101,7 +101,7 @@ class Pairing:
                 break
         self._until_refresh = 0  # a given sample may be far from where its new cluster's centre was
 
-    def _distances(self) -> Doubles:
+    def _distances(self) -> Float64Array:
         """(s,) float64: of every sample from its centre."""
         return np.sqrt(_squares(*(self._columns - np.take(self._centers, self.labels, axis=0).T)))
 
@@ -113,7 +113,7 @@ class _Neighbourhoods:
     radius    (n,) float64: every centre that is not listed is at least this far from c; infinite if all are
     """
 
-    def __init__(self, centers: Doubles) -> None:
+    def __init__(self, centers: Float64Array) -> None:
         self._centers = centers
         self._tree = cKDTree(centers)
         distances, members = _query(self._tree, centers, _LISTED + 1)
@@ -121,12 +121,12 @@ class _Neighbourhoods:
         self.radius = distances[:, _LISTED]
         self._places = np.ascontiguousarray(centers[self.members].transpose(0, 2, 1))  # (m, 3, n)
 
-    def greatest_other(self, values: Doubles) -> Doubles:
+    def greatest_other(self, values: Float64Array) -> Float64Array:
         """(n,) float64: the greatest of the values, (n,) >= 0, in each neighbourhood but for the centre's own."""
         own = self.members == np.arange(len(values))
         return np.asarray(np.where(own, 0.0, values[self.members]).max(axis=0), np.float64)
 
-    def nearest_two(self, columns: Doubles, labels: Indices) -> tuple[Indices, Doubles, Doubles]:
+    def nearest_two(self, columns: Float64Array, labels: Indices) -> tuple[Indices, Float64Array, Float64Array]:
         """Do as the function `nearest_two`, for points given as (3, k), looking around the centres `labels` first.
 
         The second distance is a lower bound where the second nearest centre may lie beyond the neighbourhood.
@@ -150,7 +150,9 @@ class _Neighbourhoods:
         return found, first, second
 
 
-def nearest_two(points: Doubles, centers: Doubles, tree: cKDTree) -> tuple[Indices, Doubles, Doubles]:
+def nearest_two(
+    points: Float64Array, centers: Float64Array, tree: cKDTree
+) -> tuple[Indices, Float64Array, Float64Array]:
     """Find the nearest centre of each point, and how far it and the second nearest are.
 
     points (k, 3) float64, centers (n, 3) float64, tree: of the centres.
@@ -166,20 +168,20 @@ def nearest_two(points: Doubles, centers: Doubles, tree: cKDTree) -> tuple[Indic
     return labels, first, second
 
 
-def greatest(values: Doubles, labels: Indices, count: int) -> Doubles:
+def greatest(values: Float64Array, labels: Indices, count: int) -> Float64Array:
     """(count,) float64: the greatest of the values, (s,) >= 0, with each label, (s,); 0 where there are none."""
     found = np.zeros(count)
     np.maximum.at(found, labels, values)
     return found
 
 
-def _query(tree: cKDTree, points: Doubles, count: int) -> tuple[Doubles, Indices]:
+def _query(tree: cKDTree, points: Float64Array, count: int) -> tuple[Float64Array, Indices]:
     """(k, count) distances and indices of the nearest; infinite, and beyond the last, where there are fewer."""
     distances, indices = tree.query(points, k=list(range(1, count + 1)))
     return np.asarray(distances, np.float64), np.asarray(indices, np.intp)
 
 
-def _squares(x: Doubles, y: Doubles, z: Doubles) -> Doubles:
+def _squares(x: Float64Array, y: Float64Array, z: Float64Array) -> Float64Array:
     return x * x + y * y + z * z
 
 
@@ -201,14 +203,14 @@ class Clusters:
     converged    the last iteration changed no sample's cluster
     """
 
-    centers: Doubles
+    centers: Float64Array
     labels: Indices
-    distances: Doubles
+    distances: Float64Array
     iterations: int
     converged: bool
 
 
-def lloyd(points: Doubles, starts: Doubles, max_iterations: int, progress: Progress) -> Clusters:
+def lloyd(points: Float64Array, starts: Float64Array, max_iterations: int, progress: Progress) -> Clusters:
     """Move centres to the means of the samples that are nearest to them until nothing changes.
 
     points           (s, 3) float64, on the grid of `sample.on_grid`: that makes the sums below exact
@@ -236,7 +238,7 @@ def lloyd(points: Doubles, starts: Doubles, max_iterations: int, progress: Progr
     return Clusters(centers, pairing.labels, distances, iterations, converged)
 
 
-def _sums(points: Doubles, labels: Indices, count: int) -> Doubles:
+def _sums(points: Float64Array, labels: Indices, count: int) -> Float64Array:
     """(count, 3) float64: the sum of the points with each label."""
     return np.stack([np.bincount(labels, column, count) for column in points.T], axis=1)
 
@@ -244,7 +246,7 @@ def _sums(points: Doubles, labels: Indices, count: int) -> Doubles:
 # How large the sphere of a cluster is.
 
 
-def radii(clusters: Clusters, rule: Radius) -> Doubles:
+def radii(clusters: Clusters, rule: Radius) -> Float64Array:
     """Choose a radius for each cluster, from the distances |p - c| of samples p from their centre c.
 
     mean      each cluster's mean of |p - c| (equation 1.2.2.4 of *Précalcul*)
@@ -264,7 +266,7 @@ def radii(clusters: Clusters, rule: Radius) -> Doubles:
 # The centres that the iteration starts from.
 
 
-def starts(points: Doubles, count: int, init: Init, rng: np.random.Generator) -> Doubles:
+def starts(points: Float64Array, count: int, init: Init, rng: np.random.Generator) -> Float64Array:
     """Choose `count` of the samples, (s, 3) float64 with at least that many distinct ones, as the first centres.
 
     first      the first samples (algorithm 1.2.1 of *Précalcul*)
@@ -276,7 +278,7 @@ def starts(points: Doubles, count: int, init: Init, rng: np.random.Generator) ->
     return points[:count].copy() if init == "first" else _spread(points, count, rng)
 
 
-def _spread(points: Doubles, count: int, rng: np.random.Generator) -> Doubles:
+def _spread(points: Float64Array, count: int, rng: np.random.Generator) -> Float64Array:
     columns = np.ascontiguousarray(points.T)
     chosen = [int(rng.integers(len(points)))]
     squared = np.full(len(points), np.inf)

@@ -7,7 +7,7 @@ from aoprecalc.mesh.topology import topology
 from aoprecalc.spheres.sampling import Frame
 from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
 from aoprecalc.spheres.voxels import Grid, inside_mesh, sphere_layers
-from aoprecalc.types import Doubles, Scene
+from aoprecalc.types import Float64Array, Scene
 
 _FEW = (
     24  # spheres that are all measured at every point; more are looked up: at 40 in two thirds of the time (measured)
@@ -16,7 +16,7 @@ _LISTED = 24  # centres that are looked up first
 _BLOCK = 1 << 14  # points at a time, so that what is measured stays in the processor's cache
 
 
-def signed_distances(points: Doubles, centers: Doubles, radii: Doubles) -> Doubles:
+def signed_distances(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Float64Array:
     """Return the least of |p - c| - r over n spheres for each of k points, (k,) float64: negative inside any.
 
     Outside it is the distance to the union of the spheres.
@@ -39,7 +39,7 @@ def signed_distances(points: Doubles, centers: Doubles, radii: Doubles) -> Doubl
     return nearest
 
 
-def _measure_all(points: Doubles, centers: Doubles, radii: Doubles, nearest: Doubles) -> None:
+def _measure_all(points: Float64Array, centers: Float64Array, radii: Float64Array, nearest: Float64Array) -> None:
     block = max(1, (_BLOCK * _FEW) // len(radii))
     for start in range(0, len(points), block):
         some = points[start : start + block]
@@ -47,9 +47,9 @@ def _measure_all(points: Doubles, centers: Doubles, radii: Doubles, nearest: Dou
         nearest[start : start + block] = (np.sqrt(squared) - radii).min(axis=1)
 
 
-def _squared(points: Doubles, centers: Doubles) -> Doubles:
+def _squared(points: Float64Array, centers: Float64Array) -> Float64Array:
     """(k, n) float64: squared distances, plainly, as the matrix product would lose half of the digits nearby."""
-    squared: Doubles = np.square(points[:, :1] - centers[:, 0])
+    squared: Float64Array = np.square(points[:, :1] - centers[:, 0])
     for axis in (1, 2):
         squared += np.square(points[:, axis : axis + 1] - centers[:, axis])
     return squared
@@ -66,7 +66,7 @@ _CUBES = 128  # along the longest side of the grid that measures volumes
 _ROUNDING = 1e-9  # in the frame: a point as far beyond a sphere lies on it
 
 
-def quality(scene: Scene, frame: Frame, points: Doubles, centers: Doubles, radii: Doubles) -> Quality:
+def quality(scene: Scene, frame: Frame, points: Float64Array, centers: Float64Array, radii: Float64Array) -> Quality:
     """Measure spheres, in the frame: centers (n, 3), radii (n,) >= 0, on points, (s, 3), of the scene's surface.
 
     radius_min, radius_mean, radius_max, radius_deviation   of the radii, the last their standard deviation, in the
@@ -97,7 +97,7 @@ def quality(scene: Scene, frame: Frame, points: Doubles, centers: Doubles, radii
     return found | volume_quality(scene, positions, centers, radii)
 
 
-def silhouette_quality(scene: Scene, positions: Doubles, centers: Doubles, radii: Doubles) -> Quality:
+def silhouette_quality(scene: Scene, positions: Float64Array, centers: Float64Array, radii: Float64Array) -> Quality:
     """Compare silhouettes over 32 directions that no fit uses, at 256 x 256 pixels by their centres.
 
     positions (v, 3) of the scene's vertices in the frame
@@ -131,7 +131,7 @@ def silhouette_quality(scene: Scene, positions: Doubles, centers: Doubles, radii
     }
 
 
-def volume_quality(scene: Scene, positions: Doubles, centers: Doubles, radii: Doubles) -> Quality:
+def volume_quality(scene: Scene, positions: Float64Array, centers: Float64Array, radii: Float64Array) -> Quality:
     """Compare volumes by the points of a grid, 128 along the longest side of the box around mesh and spheres.
 
     overlap           mean number of spheres that hold a point of their union: 1 is no overlap

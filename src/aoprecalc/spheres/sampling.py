@@ -6,9 +6,9 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.mesh.normals import face_directions
+from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.sampling import faces_by_area, folded
-from aoprecalc.types import Doubles, Scene
+from aoprecalc.types import Float64Array, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,23 +20,23 @@ class Frame:
     diagonal   of the box, in units of `scale`: 2 to 2 sqrt(3); 0 for a single point
     """
 
-    center: Doubles
+    center: Float64Array
     scale: float
     diagonal: float
 
     @classmethod
-    def around(cls, positions: Doubles) -> Self:
+    def around(cls, positions: Float64Array) -> Self:
         """Frame the bounding box of finite positions, (v, 3) float64, v >= 1."""
         low, high = positions.min(axis=0) / 2, positions.max(axis=0) / 2  # halved first: no sum overflows
         half = high - low
         scale = float(half.max()) or 1.0
         return cls(low + high, scale, 2 * float(np.linalg.norm(half / scale)))
 
-    def enter(self, positions: Doubles) -> Doubles:
+    def enter(self, positions: Float64Array) -> Float64Array:
         """Bring positions, (..., 3) float64, from the mesh's coordinates into the frame."""
         return (positions - self.center) / self.scale
 
-    def leave(self, positions: Doubles) -> Doubles:
+    def leave(self, positions: Float64Array) -> Float64Array:
         """Bring positions, (..., 3) float64, from the frame back to the mesh's coordinates."""
         return positions * self.scale + self.center
 
@@ -46,7 +46,7 @@ class Frame:
 _BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
 
 
-def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.Generator) -> Doubles:
+def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.Generator) -> Float64Array:
     """Draw `count` points uniformly on the surface, at least `distinct` of them different.
 
     The first points do not depend on `count`, but for the rounding of `on_grid`.
@@ -69,7 +69,9 @@ def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.G
     return points
 
 
-def draw_with_normals(scene: Scene, frame: Frame, count: int, rng: np.random.Generator) -> tuple[Doubles, Doubles]:
+def draw_with_normals(
+    scene: Scene, frame: Frame, count: int, rng: np.random.Generator
+) -> tuple[Float64Array, Float64Array]:
     """Draw points uniformly on the surface; returns them, in the frame, and their faces' unit normals, (count, 3) each.
 
     Raises InputError where the surface has no area.
@@ -77,10 +79,10 @@ def draw_with_normals(scene: Scene, frame: Frame, count: int, rng: np.random.Gen
     corners, upto = _surface(scene, frame)
     where, along, across = rng.random((count, 3)).T
     chosen = corners[faces_by_area(upto, where)]
-    return _inside(chosen, *folded(along, across)), face_directions(chosen)[0]
+    return _inside(chosen, *folded(along, across)), face_normals(chosen)[0]
 
 
-def on_grid(points: Doubles) -> Doubles:
+def on_grid(points: Float64Array) -> Float64Array:
     """Round (s, 3) coordinates in [-1, 1] to multiples of the power of two that makes the sum of any of them exact.
 
     A sum then depends neither on its order nor on its history, and the rounding noise that comes from where the
@@ -90,7 +92,7 @@ def on_grid(points: Doubles) -> Doubles:
     return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0: no negative zeros, equal is identical
 
 
-def _surface(scene: Scene, frame: Frame) -> tuple[Doubles, Doubles]:
+def _surface(scene: Scene, frame: Frame) -> tuple[Float64Array, Float64Array]:
     """The faces' corners in the frame, (f, 3, 3), and twice the area of each face and all before it, (f,)."""
     corners = frame.enter(scene.corners)
     upto = np.cumsum(_areas(corners, scene, frame))
@@ -102,7 +104,7 @@ def _surface(scene: Scene, frame: Frame) -> tuple[Doubles, Doubles]:
     return corners, upto
 
 
-def _areas(corners: Doubles, scene: Scene, frame: Frame) -> Doubles:
+def _areas(corners: Float64Array, scene: Scene, frame: Frame) -> Float64Array:
     """(f,) twice the faces' areas in the frame; 0 where rounding of the coordinates could account for all of it."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.linalg.norm(np.cross(first, second), axis=1)
@@ -111,13 +113,13 @@ def _areas(corners: Doubles, scene: Scene, frame: Frame) -> Doubles:
     return np.where(areas > 4 * rounding * longest, areas, 0.0)
 
 
-def _inside(corners: Doubles, along: Doubles, across: Doubles) -> Doubles:
+def _inside(corners: Float64Array, along: Float64Array, across: Float64Array) -> Float64Array:
     """Points of triangles, (k, 3, 3), at shares of their first and third side."""
     origin = corners[:, 0]
     return origin + along[:, None] * (corners[:, 1] - origin) + across[:, None] * (corners[:, 2] - origin)
 
 
-def _distinct(points: Doubles, enough: int) -> int:
+def _distinct(points: Float64Array, enough: int) -> int:
     """Count distinct points; any number from `enough` upwards may stand for more."""
     head = len(np.unique(points[: 2 * enough], axis=0))  # nearly always enough, and far faster than all
     return head if head >= enough else len(np.unique(points, axis=0))

@@ -11,7 +11,7 @@ from aoprecalc.spheres.fitted import Fitted
 from aoprecalc.spheres.sampling import Frame, draw_with_normals
 from aoprecalc.spheres.silhouette_descent import Descent
 from aoprecalc.spheres.silhouettes import Views, counted, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
-from aoprecalc.types import Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 from aoprecalc.visibility.directions import GOLDEN
 
 _HALF = (
@@ -19,7 +19,9 @@ _HALF = (
 )
 
 
-def choose(centers: Doubles, radii: Doubles, worth: Floats, seen: Views, count: int) -> NDArray[np.intp]:
+def choose(
+    centers: Float64Array, radii: Float64Array, worth: Float32Array, seen: Views, count: int
+) -> NDArray[np.intp]:
     """Return which of c candidates to take, at most `count`, fewer where no more of them gain anything.
 
     centers (c, 3), radii (c,)
@@ -45,7 +47,7 @@ def choose(centers: Doubles, radii: Doubles, worth: Floats, seen: Views, count: 
     return np.array(chosen, np.intp)
 
 
-def _squares(columns: Doubles, rows: Doubles, radii: Doubles, size: int) -> list[NDArray[np.int64]]:
+def _squares(columns: Float64Array, rows: Float64Array, radii: Float64Array, size: int) -> list[NDArray[np.int64]]:
     """The four corners of each disc's square in its picture's summed table, as flat indices, (d, c) each."""
     half = np.maximum(_HALF * radii, 0.5)
     left, right = (np.clip(np.rint(columns + side), 0, size).astype(np.int64) for side in (-half, half))
@@ -57,13 +59,13 @@ def _squares(columns: Doubles, rows: Doubles, radii: Doubles, size: int) -> list
     ]
 
 
-def _sums(worth: Floats, corners: list[NDArray[np.int64]]) -> Floats:
+def _sums(worth: Float32Array, corners: list[NDArray[np.int64]]) -> Float32Array:
     """The sum of `worth` over each candidate's squares, (c,), by summed tables (F. Crow, 1984)."""
     table = np.zeros((len(worth), worth.shape[1] + 1, worth.shape[2] + 1), np.float32)
     np.cumsum(np.cumsum(worth, axis=1), axis=2, out=table[:, 1:, 1:])
     flat = table.ravel()
     a, b, c, d = (np.take(flat, corner) for corner in corners)
-    sums: Floats = (a + b - c - d).sum(axis=0)
+    sums: Float32Array = (a + b - c - d).sum(axis=0)
     return sums
 
 
@@ -73,7 +75,9 @@ _MOST_STEPS = 30
 _ENOUGH = 1e-3  # of the radius: a ball that shrinks by less has arrived
 
 
-def medial_balls(points: Doubles, normals: Doubles, samples: Doubles, largest: float) -> tuple[Doubles, Doubles]:
+def medial_balls(
+    points: Float64Array, normals: Float64Array, samples: Float64Array, largest: float
+) -> tuple[Float64Array, Float64Array]:
     """Shrink a ball at each point until it holds no sample; returns centres (k, 3) and radii (k,) float64.
 
     points    (k, 3) on the surface
@@ -121,7 +125,7 @@ _ROUNDS, _SHARE = 8, 0.2  # times that spheres move elsewhere, and the share of 
 _SETTLE, _ROUND, _REST = 120, 60, 200  # steps of the descent: after the choice, after each round, in the end
 
 
-Spheres = tuple[Doubles, Doubles]  # centres (n, 3) and radii (n,)
+Spheres = tuple[Float64Array, Float64Array]  # centres (n, 3) and radii (n,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +133,8 @@ class Target:
     """A mesh's silhouettes, (d, size, size) bool, in the views `seen`; worth is 1 inside them and -1 outside."""
 
     seen: Views
-    wanted: Mask
-    worth: Floats
+    wanted: BoolArray
+    worth: Float32Array
 
     @classmethod
     def of(cls, scene: Scene, frame: Frame) -> "Target":
@@ -142,22 +146,22 @@ class Target:
         wanted = mesh_silhouettes(positions, faces, seen)
         return cls(seen, wanted, np.where(wanted, 1, -1).astype(np.float32))
 
-    def likeness(self, centers: Doubles, radii: Doubles) -> float:
+    def likeness(self, centers: Float64Array, radii: Float64Array) -> float:
         """Return intersection over union of silhouettes, in the mean over the views in which there is any."""
         covered = sphere_counts(centers, radii, self.seen) > 0
         union = (covered | self.wanted).sum(axis=(1, 2))
         both = (covered & self.wanted).sum(axis=(1, 2))
         return float((both / np.maximum(union, 1)).sum() / max(1, np.count_nonzero(union)))
 
-    def missed(self, centers: Doubles, radii: Doubles) -> Doubles:
+    def missed(self, centers: Float64Array, radii: Float64Array) -> Float64Array:
         """Return how many pixels fewer would be right without each sphere, (n,) float64; negative where more would."""
         counts = sphere_counts(centers, radii, self.seen)
         alone = np.where(counts == 1, self.worth, np.float32(0))
         runs = disc_runs(*self.seen.places(centers), radii * self.seen.scale, self.seen.size)
-        gained: Doubles = run_sums(runs, alone, len(self.seen) * len(radii)).reshape(-1, len(radii)).sum(axis=0)
+        gained: Float64Array = run_sums(runs, alone, len(self.seen) * len(radii)).reshape(-1, len(radii)).sum(axis=0)
         return gained
 
-    def choose(self, candidates: Spheres, beside: Spheres, count: int) -> Ints:
+    def choose(self, candidates: Spheres, beside: Spheres, count: int) -> Int32Array:
         """Return which of the candidates (centres, radii) to add beside other spheres, at most `count`."""
         some = self.seen[:_FOR_CHOICE]
         worth = self.worth[:_FOR_CHOICE]
@@ -173,7 +177,7 @@ def shadow(
     scene: Scene,
     frame: Frame,
     target: Target,
-    points: Doubles,
+    points: Float64Array,
     count: int,
     rng: np.random.Generator,
     progress: Progress,
@@ -223,14 +227,14 @@ def shadow(
     return Fitted(centers, radii, steps + _REST, converged=True)
 
 
-def _medial(scene: Scene, frame: Frame, within: Doubles, rng: np.random.Generator) -> Spheres:
+def _medial(scene: Scene, frame: Frame, within: Float64Array, rng: np.random.Generator) -> Spheres:
     """Balls that touch the surface from either side, as its winding may not tell which is inside."""
     points, normals = draw_with_normals(scene, frame, _CANDIDATES, rng)
     balls = _joined(*(medial_balls(points, side * normals, within, _LARGEST) for side in (1, -1)))
     return _taken(balls, np.flatnonzero(balls[1] < 0.99 * _LARGEST))
 
 
-def _and_about(balls: Spheres, points: Doubles, sizes: list[float]) -> Spheres:
+def _and_about(balls: Spheres, points: Float64Array, sizes: list[float]) -> Spheres:
     """Add balls of each size about points, (k, 3)."""
     return _joined(balls, *((points, np.full(len(points), size)) for size in sizes))
 
@@ -244,7 +248,7 @@ def _taken(spheres: Spheres, which: NDArray[np.integer]) -> Spheres:
     return spheres[0][which], spheres[1][which]
 
 
-def _points(points: Doubles, count: int, rng: np.random.Generator) -> Doubles:
+def _points(points: Float64Array, count: int, rng: np.random.Generator) -> Float64Array:
     """Pick samples at random, with repeats where there are too few."""
-    picked: Doubles = points[rng.integers(len(points), size=count)]
+    picked: Float64Array = points[rng.integers(len(points), size=count)]
     return picked

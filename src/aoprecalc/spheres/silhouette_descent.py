@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from aoprecalc.spheres.silhouettes import Views, sphere_counts
-from aoprecalc.types import Doubles, Floats, Mask
+from aoprecalc.types import BoolArray, Float32Array, Float64Array
 from aoprecalc.visibility.directions import GOLDEN
 
 _BLUR = 0.7  # pixels: the step at a silhouette's edge becomes a slope, in which outlines come to rest
@@ -25,7 +25,7 @@ _KEEP, _KEEP_SQUARE, _TINY = 0.8, 0.95, 1e-12  # of the descent
 class Descent:
     """Spheres on their way: centres (n, 3) and radii (n,) float64."""
 
-    def __init__(self, centers: Doubles, radii: Doubles, wanted: Mask, seen: Views, batch: int) -> None:
+    def __init__(self, centers: Float64Array, radii: Float64Array, wanted: BoolArray, seen: Views, batch: int) -> None:
         """Take the mesh's silhouettes, (d, size, size), in the views `seen`.
 
         batch   how many of them a step looks at; fewer if there are very many spheres
@@ -35,12 +35,12 @@ class Descent:
         self._seen, self._batch = seen, max(1, min(batch, len(seen), _HELD // (self._spots * len(radii))))
         # +1 outside the silhouettes, -1 inside, with a border for what leaves the picture.
         signs = np.pad(np.where(wanted, -1.0, 1.0).astype(np.float32), ((0, 0), (1, 1), (1, 1)), constant_values=1.0)
-        self._signs: Floats = ndimage.gaussian_filter(signs, (0, _BLUR, _BLUR), mode="nearest")
+        self._signs: Float32Array = ndimage.gaussian_filter(signs, (0, _BLUR, _BLUR), mode="nearest")
         self._steps = 0
         self._mean = np.zeros((len(radii), 4))
         self._square = np.zeros((len(radii), 4))
 
-    def step(self, pace: float, pull: Doubles | None = None) -> None:
+    def step(self, pace: float, pull: Float64Array | None = None) -> None:
         """Move the outlines by about `pace` pixels.
 
         pull   (n, 4), the derivative of something else that is to be lowered, in pixels by (x, y, z, r) in pixels
@@ -58,7 +58,7 @@ class Descent:
         self.centers -= move[:, :3]
         self.radii = np.maximum(self.radii - move[:, 3], 0.25 / seen.scale)
 
-    def _slope(self, which: NDArray[np.intp]) -> Doubles:
+    def _slope(self, which: NDArray[np.intp]) -> Float64Array:
         """The derivative of the differing area, in pixels, by (x, y, z, r) in pixels, (n, 4): the mean over views."""
         seen = self._seen[which]
         columns, rows = seen.places(self.centers)

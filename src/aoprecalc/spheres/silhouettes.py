@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.raster.spans import counted_out, snap, triangle_spans
-from aoprecalc.types import Doubles, Floats, Ints, Mask
-from aoprecalc.visibility.directions import half_sphere, perpendiculars
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
+from aoprecalc.visibility.directions import fibonacci_hemisphere, orthonormal_basis
 
 _SNAPPED = 1 / 256  # pixels by which a corner moves at most when it is moved to the rasteriser's grid
 
@@ -22,8 +22,8 @@ class Views:
     size             pixels a side
     """
 
-    across: Doubles
-    upward: Doubles
+    across: Float64Array
+    upward: Float64Array
     half: float
     size: int
 
@@ -38,7 +38,7 @@ class Views:
         """Pixels a unit."""
         return self.size / (2 * self.half)
 
-    def places(self, points: Doubles) -> tuple[Doubles, Doubles]:
+    def places(self, points: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return the columns and the rows, (d, k) float64 each, in pixels, at which (k, 3) points are seen."""
         columns, rows = (side @ points.T * self.scale + self.size / 2 for side in (self.across, self.upward))
         return columns, rows
@@ -49,11 +49,11 @@ def views(count: int, half: float, size: int, turn: float) -> Views:
 
     turn   of the directions about z, as a share of a whole one: keeps what measures apart from what was fitted
     """
-    across, upward = perpendiculars(half_sphere(np.arange(count), count, turn))
+    across, upward = orthonormal_basis(fibonacci_hemisphere(np.arange(count), count, turn))
     return Views(across, upward, half, size)
 
 
-def mesh_silhouettes(positions: Doubles, faces: Ints, seen: Views) -> Mask:
+def mesh_silhouettes(positions: Float64Array, faces: Int32Array, seen: Views) -> BoolArray:
     """Return the pixels whose centres lie in any of (f, 3) faces over (v, 3) positions, (d, size, size) bool."""
     size = seen.size
     masks = np.zeros((len(seen), size, size), bool)
@@ -75,7 +75,7 @@ def mesh_silhouettes(positions: Doubles, faces: Ints, seen: Views) -> Mask:
     return masks
 
 
-def sphere_counts(centers: Doubles, radii: Doubles, seen: Views) -> Ints:
+def sphere_counts(centers: Float64Array, radii: Float64Array, seen: Views) -> Int32Array:
     """Return how many of n spheres lie over the centre of each pixel, (d, size, size) int32.
 
     centers (n, 3), radii (n,) >= 0
@@ -99,7 +99,7 @@ class Runs:
     stop: NDArray[np.int64]
 
 
-def disc_runs(columns: Doubles, rows: Doubles, radii: Doubles, size: int) -> Runs:
+def disc_runs(columns: Float64Array, rows: Float64Array, radii: Float64Array, size: int) -> Runs:
     """Return the pixels whose centres lie in discs: centres (d, n), radii (n,), all in pixels."""
     count = columns.shape[1]
     x, y = columns.ravel(), rows.ravel()
@@ -116,30 +116,30 @@ def disc_runs(columns: Doubles, rows: Doubles, radii: Doubles, size: int) -> Run
     return Runs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def counted(runs: Runs, pictures: int, size: int) -> Ints:
+def counted(runs: Runs, pictures: int, size: int) -> Int32Array:
     """Return how many runs go over each pixel, (pictures, size, size) int32."""
     pitch = size + 1  # a run may stop beyond the last column
     total = pictures * size * pitch
     changes = np.bincount(runs.line * pitch + runs.first, minlength=total)
     changes -= np.bincount(runs.line * pitch + runs.stop, minlength=total)
-    counts: Ints = np.cumsum(changes.reshape(pictures, size, pitch)[..., :size], axis=2, dtype=np.int32)
+    counts: Int32Array = np.cumsum(changes.reshape(pictures, size, pitch)[..., :size], axis=2, dtype=np.int32)
     return counts
 
 
-def run_sums(runs: Runs, pictures: Floats, discs: int) -> Doubles:
+def run_sums(runs: Runs, pictures: Float32Array, discs: int) -> Float64Array:
     """Return the sum of pictures, (d, size, size), over each disc, (discs,) float64."""
     size = pictures.shape[-1]
     upto = np.zeros((len(pictures) * size, size + 1))
     np.cumsum(pictures.reshape(-1, size), axis=1, out=upto[:, 1:])
     sums = upto[runs.line, runs.stop] - upto[runs.line, runs.first]
-    found: Doubles = np.bincount(runs.owner, sums, discs).astype(np.float64, copy=False)
+    found: Float64Array = np.bincount(runs.owner, sums, discs).astype(np.float64, copy=False)
     return found
 
 
-def _meets_a_centre(sides: list[Floats]) -> Mask:
+def _meets_a_centre(sides: list[Float32Array]) -> BoolArray:
     """Which triangles, by one coordinate of their corners, may reach the centre of a pixel."""
     a, b, c = sides
     low = np.minimum(np.minimum(a, b), c)
     high = np.maximum(np.maximum(a, b), c)
-    meets: Mask = np.ceil(low - (0.5 + _SNAPPED)) <= np.floor(high - (0.5 - _SNAPPED))
+    meets: BoolArray = np.ceil(low - (0.5 + _SNAPPED)) <= np.floor(high - (0.5 - _SNAPPED))
     return meets

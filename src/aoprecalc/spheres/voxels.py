@@ -7,7 +7,7 @@ import numpy as np
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.raster.spans import counted_out, snap, triangle_spans
 from aoprecalc.spheres.silhouettes import disc_runs
-from aoprecalc.types import Doubles, Ints, Mask
+from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 _ASTRAY = 0.01  # share of the columns that meet the mesh: more crossings that do not add up are no accident
 
@@ -16,23 +16,23 @@ _ASTRAY = 0.01  # share of the columns that meet the mesh: more crossings that d
 class Grid:
     """Cubes of side `pitch` from the corner `low`, (3,) float64, as many as `shape` says; points are their centres."""
 
-    low: Doubles
+    low: Float64Array
     pitch: float
     shape: tuple[int, int, int]
 
     @classmethod
-    def around(cls, low: Doubles, high: Doubles, most: int) -> "Grid":
+    def around(cls, low: Float64Array, high: Float64Array, most: int) -> "Grid":
         """Fit a grid of `most` cubes along its longest side to the box from low to high, (3,) each."""
         pitch = float((high - low).max()) / most
         across, upward, along = (int(count) for count in np.maximum(1, np.ceil((high - low) / pitch)))
         return cls(low, pitch, (across, upward, along))
 
-    def points(self, inside: Mask) -> Doubles:
+    def points(self, inside: BoolArray) -> Float64Array:
         """Return the points where `inside`, of the grid's shape, is true, (k, 3) float64."""
         return self.low + (np.argwhere(inside) + 0.5) * self.pitch
 
 
-def inside_mesh(positions: Doubles, faces: Ints, grid: Grid) -> Mask:
+def inside_mesh(positions: Float64Array, faces: Int32Array, grid: Grid) -> BoolArray:
     """Return which points lie inside a closed mesh: those that it winds around. bool, of the grid's shape.
 
     (The winding number by the signed crossings of a ray; here of all rays of a column at once.) Either winding will do.
@@ -59,7 +59,7 @@ def inside_mesh(positions: Doubles, faces: Ints, grid: Grid) -> Mask:
     upto = np.cumsum(crossings, axis=2)
     met = crossings.any(axis=2)
     astray = upto[..., -1] != 0
-    inside: Mask
+    inside: BoolArray
     if np.count_nonzero(astray) > _ASTRAY * np.count_nonzero(met):  # some faces are turned round: count surfaces
         inside = (upto[..., :along] % 2 != 0) & (upto[..., -1:] % 2 == 0)
     else:
@@ -67,7 +67,7 @@ def inside_mesh(positions: Doubles, faces: Ints, grid: Grid) -> Mask:
     return inside.transpose(1, 0, 2)
 
 
-def sphere_layers(centers: Doubles, radii: Doubles, grid: Grid) -> Ints:
+def sphere_layers(centers: Float64Array, radii: Float64Array, grid: Grid) -> Int32Array:
     """Return in how many of n spheres each point lies, int32 of the grid's shape."""
     across, upward, along = grid.shape
     columns, rows, depths = ((centers - grid.low) / grid.pitch).T
@@ -85,5 +85,5 @@ def sphere_layers(centers: Doubles, radii: Doubles, grid: Grid) -> Ints:
         cell = (row * across + column)[some]
         np.add.at(changes, (cell, first[some]), np.int32(1))
         np.subtract.at(changes, (cell, stop[some]), np.int32(1))
-    layers: Ints = np.cumsum(changes[:, :along], axis=1, dtype=np.int32)
+    layers: Int32Array = np.cumsum(changes[:, :along], axis=1, dtype=np.int32)
     return layers.reshape(upward, across, along).transpose(1, 0, 2)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from aoprecalc.mesh.topology import borders
-from aoprecalc.types import Doubles, Ints
+from aoprecalc.types import Float64Array, Int32Array
 
 LEAST = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution
 _MOST_SHARE = 1.0 / 3.0  # of the atlas
@@ -37,16 +37,16 @@ def first_unsafe_mip(gutter: int, padding: int) -> int:
     return level
 
 
-def chart_size(uvs: Doubles, corners: Ints) -> tuple[float, float]:
+def chart_size(uvs: Float64Array, corners: Int32Array) -> tuple[float, float]:
     """Return the area and the outline's length of all charts, for (f, 3, 2) UVs and (f, 3) corner numbers."""
     lengths = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2)
     return float(0.5 * doubled_areas(uvs).sum()), float(lengths[borders(corners)].sum())
 
 
-def doubled_areas(uvs: Doubles) -> Doubles:
+def doubled_areas(uvs: Float64Array) -> Float64Array:
     """Return twice the area of each of (f, 3, 2) triangles, (f,)."""
     side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
-    areas: Doubles = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])
+    areas: Float64Array = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])
     return areas
 
 

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
-from aoprecalc.mesh.normals import face_directions
-from aoprecalc.subprocesses import ChildKilledError, Look, ask, command
-from aoprecalc.types import Atlas, Doubles, Floats, Ints, Mask, Scene
+from aoprecalc.mesh.normals import face_normals
+from aoprecalc.subprocesses import ChildKilledError, StepCallback, ask, command
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 LEAST_SIZE = 16  # texels
 _CHILDREN = {name: command(f"aoprecalc.uv.{name}_process") for name in ("xatlas", "uvunwrap")}
@@ -24,7 +24,7 @@ def unwrap(
     padding: int,
     *,
     seconds: float | None = None,
-    heard: Look | None = None,
+    heard: StepCallback | None = None,
 ) -> Atlas:
     """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
 
@@ -54,19 +54,19 @@ def unwrap(
             )
 
     uvs, placed, charts, gutter = _ask(method, positions, faces, size, padding, look)
-    everywhere: Doubles = np.zeros((len(scene.faces), 3, 2))
+    everywhere: Float64Array = np.zeros((len(scene.faces), 3, 2))
     everywhere[solid] = uvs
     solid[solid] = placed
     return Atlas(method, everywhere, solid, charts, gutter=gutter)
 
 
-def owns_place(scene: Scene) -> Mask:
+def owns_place(scene: Scene) -> BoolArray:
     """Return the faces, (f,) bool, that need a place in the texture: those with area that receive and share none.
 
     Raises InputError where there are none.
     """
-    there = scene.receives & scene.of_parts(part.shares is None for part in scene.parts)
-    solid: Mask = there & face_directions(scene.corners)[1]
+    there = scene.receives & scene.per_face(part.uv_owner is None for part in scene.parts)
+    solid: BoolArray = there & face_normals(scene.corners)[1]
     if not solid.any():
         raise InputError(
             f"{scene.path}: none of its {np.count_nonzero(there)} faces has area; expected a surface to bake"
@@ -75,8 +75,13 @@ def owns_place(scene: Scene) -> Mask:
 
 
 def _ask(
-    method: Literal["xatlas", "uvunwrap"], positions: Floats, faces: Ints, size: int, padding: int, look: Look
-) -> tuple[Doubles, Mask, int, int]:
+    method: Literal["xatlas", "uvunwrap"],
+    positions: Float32Array,
+    faces: Int32Array,
+    size: int,
+    padding: int,
+    look: StepCallback,
+) -> tuple[Float64Array, BoolArray, int, int]:
     """Return UVs (f, 3, 2), placed (f,), the number of charts and the gutter, from a process of the unwrapper's own."""
     request = io.BytesIO()
     np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)

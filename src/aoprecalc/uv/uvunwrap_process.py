@@ -14,7 +14,7 @@ import uvunwrap
 from numpy.typing import NDArray
 
 from aoprecalc.subprocesses import FIRST_STEP, POLL, end_with_parent, say_step
-from aoprecalc.types import Doubles, Floats, Ints, Mask
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 from aoprecalc.uv.gutter import LEAST, chart_size, choose_gutter
 
 _MANY_CHARTS = 1500  # above this the fast packing: the better one takes longer than the bake
@@ -22,7 +22,7 @@ _PACKINGS = 8  # tries at one page
 _THINNER = 0.85  # of the density that needed more pages
 
 
-def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
+def unwrap(positions: Float32Array, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
     mesh = uvunwrap.Mesh(positions, faces)
     # A quick first packing tells how much outline there is, and so how much gutter the page has room for.
@@ -35,7 +35,9 @@ def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int
     return {"uvs": uvs, "placed": placed, "charts": charts, "gutter": gutter}
 
 
-def _run(mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"]) -> tuple[Doubles, Mask, Ints, int]:
+def _run(
+    mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"]
+) -> tuple[Float64Array, BoolArray, Int32Array, int]:
     """Return UVs (f, 3, 2), placed (f,), corner numbers (f, 3) and the number of charts."""
     density = None
     for _ in range(_PACKINGS):
@@ -46,8 +48,8 @@ def _run(mesh: Any, size: int, gutter: int, packing: Literal["shape", "fast"]) -
     else:
         raise ValueError(f"its charts need {atlas.page_count} pages of {size} x {size} texels; use a larger --size")
     page = atlas.meshes[0]
-    corners: Ints = np.array(page.indices, np.int32).reshape(-1, 3)
-    placed: Mask = (np.array(page.page)[corners] == 0).all(axis=1)
+    corners: Int32Array = np.array(page.indices, np.int32).reshape(-1, 3)
+    placed: BoolArray = (np.array(page.page)[corners] == 0).all(axis=1)
     uvs = np.array(page.uv, np.float64).reshape(-1, 2)[corners] * (atlas.width / size, atlas.height / size)
     return uvs, placed, corners, atlas.chart_count
 

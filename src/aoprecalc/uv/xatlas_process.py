@@ -17,7 +17,7 @@ import xatlas
 from numpy.typing import NDArray
 
 from aoprecalc.subprocesses import end_with_parent, say_step
-from aoprecalc.types import Doubles, Floats, Ints, Mask
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 from aoprecalc.uv.gutter import chart_size, choose_gutter, fitting_scale
 
 _PACKINGS = 12  # tries at the greatest scale that fits one page
@@ -27,7 +27,7 @@ _CLOSE = 1.005  # such a pair is close enough
 _ATLASES: list["xatlas.Atlas"] = []  # all that were made
 
 
-def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
+def unwrap(positions: Float32Array, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
     say_step("charts")
     atlas = _new_atlas()
@@ -35,7 +35,7 @@ def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int
     atlas.generate()
     _, corners, uvs = atlas.get_mesh(0)
     page, _ = atlas.get_mesh_vertex_assignment(0)
-    placed: Mask = (page.astype(np.int32)[corners] >= 0).all(axis=1)
+    placed: BoolArray = (page.astype(np.int32)[corners] >= 0).all(axis=1)
     if not placed.any():
         raise ValueError("every face is too thin for it; use a mesh without slivers")
     corners = np.ascontiguousarray(corners[placed])
@@ -43,12 +43,12 @@ def unwrap(positions: Floats, faces: NDArray[np.uint32], size: int, padding: int
     area, outline = chart_size(flat[corners], corners.astype(np.int32))
     gutter = choose_gutter(area, outline, size, padding)
     packed = _pack(flat * fitting_scale(area, outline, size, gutter), corners, size, gutter)
-    result: Doubles = np.zeros((len(faces), 3, 2))
+    result: Float64Array = np.zeros((len(faces), 3, 2))
     result[placed] = packed[corners]
     return {"uvs": result, "placed": placed, "charts": atlas.chart_count, "gutter": gutter}
 
 
-def _pack(flat: Doubles, corners: Ints, size: int, gutter: int) -> Doubles:
+def _pack(flat: Float64Array, corners: Int32Array, size: int, gutter: int) -> Float64Array:
     """Return (v, 2) UVs in [0, 1] of flat charts, (v, 2) in texels, at about the greatest scale that fits one page."""
     border = gutter // 2  # kept free at the page's sides, as textures repeat
     options = xatlas.PackOptions()
@@ -80,10 +80,10 @@ def _new_atlas() -> "xatlas.Atlas":
     return _ATLASES[-1]
 
 
-def _uvs_of(page: "xatlas.Atlas", count: int, border: int) -> Doubles:
+def _uvs_of(page: "xatlas.Atlas", count: int, border: int) -> Float64Array:
     """Return (v, 2) places on the page in texels; a vertex that xatlas left out is at the origin."""
     mapping, _, uvs = page.get_mesh(0)
-    result: Doubles = np.zeros((count, 2))
+    result: Float64Array = np.zeros((count, 2))
     result[mapping] = uvs * np.array([page.width, page.height]) + border
     return result
 

@@ -6,23 +6,23 @@ from typing import Protocol
 
 from aoprecalc.errors import RendererError, UsageError
 from aoprecalc.gl.context import Renderer, open_renderer
-from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
 from aoprecalc.raster.gl_rasterizer import Raster
 from aoprecalc.raster.layout import Layout
 from aoprecalc.raster.samples import Samples, TexelSampler
-from aoprecalc.types import Doubles, Floats
+from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility import rays as occluders
-from aoprecalc.visibility.depth_maps import MapObserver
-from aoprecalc.visibility.rays import RayObserver
+from aoprecalc.visibility.depth_maps import DepthMapTester
+from aoprecalc.visibility.rays import RayTester
 
 
-class Observer(Protocol):
+class VisibilityTester(Protocol):
     """Measures visibility for samples, again and again."""
 
-    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
+    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return what k samples see along (a, 3) axes, (k, 2) float32 sums over both directions of each.
 
         The first is of max(0, n.w) [g.w > 0] visible(w), the second is the same without visible(w); both are 0 where
@@ -52,7 +52,7 @@ class Backend(Protocol):
         """Return what finds the surface under the texels of a layout."""
         ...
 
-    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+    def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
         """Return what measures the visibility of up to `most` samples at a time; only maps have a `shadow_size`."""
         ...
 
@@ -61,7 +61,7 @@ class Backend(Protocol):
         ...
 
 
-class MapBackend:
+class GLBackend:
     """Depth maps in an OpenGL context."""
 
     kind = "gl"
@@ -85,10 +85,10 @@ class MapBackend:
         """Return a Raster."""
         return Raster(self._renderer.context, layout)
 
-    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+    def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
         """Return a MapObserver."""
         self._renderer.context.gc()  # what an observer that is gone has held
-        return MapObserver(self._renderer, surface, most, shadow_size)
+        return DepthMapTester(self._renderer, surface, most, shadow_size)
 
     def check(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
@@ -114,9 +114,9 @@ class RayBackend:
         """Return a ScanlineRaster."""
         return ScanlineRaster(layout)
 
-    def observer(self, surface: UnitSurface, most: int, shadow_size: int) -> Observer:
+    def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
         """Return a RayObserver."""
-        return RayObserver(surface, self._threads)
+        return RayTester(surface, self._threads)
 
     def check(self) -> None:
         """Find nothing wrong: rays raise their errors at once."""
@@ -136,7 +136,7 @@ def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backe
     if options.backend == "ray":
         return RayBackend(options.threads)
     try:
-        return MapBackend(stack.enter_context(open_renderer(options.threads)))
+        return GLBackend(stack.enter_context(open_renderer(options.threads)))
     except RendererError as error:
         no_rays = occluders.obstacle()
         if no_rays is not None:

@@ -8,11 +8,11 @@ import numpy as np
 from aoprecalc.errors import UsageError
 from aoprecalc.gl.context import Renderer
 from aoprecalc.gl.shaders import compute_program, draw_program
-from aoprecalc.mesh.normals import face_directions
-from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples, z_order
-from aoprecalc.types import Doubles, Floats
+from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.projection import Projections, extreme_points, project
 
 GRID = 256  # steps a map texel to which vertices are moved: rasterisers do it, and doing it first makes all tiles equal
@@ -29,7 +29,7 @@ _R32UI = 0x8236  # of OpenGL: the bits of a float as a whole number
 class NearFarMaps:
     """Tiles, one an axis, of two targets: what is nearest to its positive and its negative end; see map_code.glsl."""
 
-    def __init__(self, context: moderngl.Context, corners: Floats, size: int) -> None:
+    def __init__(self, context: moderngl.Context, corners: Float32Array, size: int) -> None:
         """Upload occluders, (o, 3, 3) float32 corners within 1 of the origin; `size` is a map's side in texels."""
         limit = context.info["GL_MAX_TEXTURE_SIZE"] // size
         tiles = max(1, min(_TARGET_BYTES // (_CELL_BYTES * size * size), limit * limit, _MOST_AXES))
@@ -55,7 +55,7 @@ class NearFarMaps:
         order = np.lexsort([z_order((511 * (corners.mean(axis=1) + 1)).astype(np.int64)), sizes])
         self._longest = np.maximum.accumulate(longest[order])
         self._corners = context.buffer(np.ascontiguousarray(corners[order]))
-        normals = np.repeat(face_directions(corners[order].astype(np.float64))[0], 3, axis=0).astype(np.float32)
+        normals = np.repeat(face_normals(corners[order].astype(np.float64))[0], 3, axis=0).astype(np.float32)
         of_corners = [(self._corners, "3f", "in_position"), (context.buffer(normals), "3f", "in_normal")]
         self._triangles = context.vertex_array(self._large, of_corners)
 
@@ -91,7 +91,7 @@ class NearFarMaps:
         for unit, end in enumerate(self._ends):
             end.bind_to_image(unit, format=_R32UI)
 
-    def _axis_rows(self, projections: Projections) -> Floats:
+    def _axis_rows(self, projections: Projections) -> Float32Array:
         """What the shaders read for each axis, (capacity, 5, 4) float32: the projection, pitch and floor, the tile."""
         count = len(projections.rows)
         rows = np.zeros((self.capacity, 5, 4))
@@ -122,7 +122,7 @@ class _Store:
 class Receivers:
     """Puts a receiver at each sample, gathers visibility for all of them, and hands back the sums."""
 
-    def __init__(self, context: moderngl.Context, surface: UnitSurface, count: int, maps: NearFarMaps) -> None:
+    def __init__(self, context: moderngl.Context, surface: NormalizedSurface, count: int, maps: NearFarMaps) -> None:
         """Upload the surface, and make room for `count` receivers that look into `maps`."""
         constants: dict[str, float | str] = {"LOCAL_SIZE": f"{_GATHER_LOCAL_SIZE}u", "NO_FACE": _NO_FACE}
         looks = " ".join(f"look(one, {5 * axis}); look(other, {5 * axis});" for axis in range(maps.capacity))
@@ -165,7 +165,7 @@ class Receivers:
                 buffer.bind_to_storage_buffer(binding)
             self._run(self._gather, store, 2)
 
-    def sums(self) -> Floats:
+    def sums(self) -> Float32Array:
         """Return the sums since `place`, (k, 2) float32: weight of what is visible, and of all."""
         sums = np.empty((self._placed, 2), np.float32)
         for store in self._stores:
@@ -198,23 +198,23 @@ class Receivers:
 # and its opposite, and a comparison of planes instead of depths.
 
 
-class MapObserver:
+class DepthMapTester:
     """An Observer that draws maps and reads them at the samples; see gather.comp.glsl."""
 
-    def __init__(self, renderer: Renderer, surface: UnitSurface, most: int, shadow_size: int) -> None:
+    def __init__(self, renderer: Renderer, surface: NormalizedSurface, most: int, shadow_size: int) -> None:
         """Make room for `most` samples at a time and for maps of `shadow_size` texels a side."""
         self._outline = extreme_points(surface.reach.astype(np.float64))
         self._size, self._floor = shadow_size, surface.floor
         self._maps = NearFarMaps(renderer.context, surface.occluders, shadow_size)
         self._receivers = Receivers(renderer.context, surface, most, self._maps)
 
-    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
+    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see Observer."""
         self._receivers.place(samples)
         projections = project(axes, self._outline, self._size, self._floor)
         small = self._maps.small(projections)
         for start in range(0, len(axes), self._maps.capacity):
-            batch = projections.some(slice(start, start + self._maps.capacity))
+            batch = projections.select(slice(start, start + self._maps.capacity))
             self._maps.draw(batch, small)
             self._receivers.gather()
             progress.advance(2 * len(batch.rows))

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.options import Sampling
-from aoprecalc.types import Doubles
+from aoprecalc.types import Float64Array
 
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 _TURN = 0.137  # of a whole one: keeps the first axes away from the planes in which people model
 
 
-def half_sphere(index: NDArray[np.int64], count: int, turn: float = 0.0) -> Doubles:
+def fibonacci_hemisphere(index: NDArray[np.int64], count: int, turn: float = 0.0) -> Float64Array:
     """Return the points number `index`, of any shape, of the lattice of `count`, (..., 3) float64.
 
     turn   of the lattice about z, as a share of a whole one: lattices of different turns have no point in common
@@ -27,7 +27,7 @@ def half_sphere(index: NDArray[np.int64], count: int, turn: float = 0.0) -> Doub
 # Two directions at right angles to a given one.
 
 
-def perpendiculars(units: Doubles) -> tuple[Doubles, Doubles]:
+def orthonormal_basis(units: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two unit vectors, (k, 3) each, that make a right-handed frame with each of (k, 3) unit vectors.
 
     (J. R. Frisvad, 2012; T. Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.)
@@ -51,7 +51,7 @@ _PLASTIC = 1.324717957244746  # of R2, the sequence for offsets
 _MOST_STRIDES = 400
 
 
-def axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Doubles:
+def axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Float64Array:
     """Return ceil(directions / 2) unit vectors, (a, 3) float64; each stands for itself and its opposite.
 
     fibonacci ignores the seed; random draws from it, uniformly on the sphere.
@@ -61,7 +61,7 @@ def axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Do
         vectors = np.random.default_rng(seed).normal(size=(count, 3))
         vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
         return vectors
-    return half_sphere(np.arange(count) * _stride(count) % count, count)
+    return fibonacci_hemisphere(np.arange(count) * _stride(count) % count, count)
 
 
 def groups(count: int) -> list[slice]:
@@ -90,8 +90,8 @@ def _stride(count: int) -> int:
         return 1
     strides = np.arange(1, count, dtype=np.int64)
     strides = strides[np.gcd(strides, count) == 1][:_MOST_STRIDES]
-    runs = half_sphere(strides[:, None] * np.arange(GROUP) % count, count)
-    cosines = np.abs(runs @ runs.transpose(0, 2, 1))
+    chunks = fibonacci_hemisphere(strides[:, None] * np.arange(GROUP) % count, count)
+    cosines = np.abs(chunks @ chunks.transpose(0, 2, 1))
     cosines[:, np.arange(GROUP), np.arange(GROUP)] = 0.0
     energy = (1.0 / np.sqrt(np.maximum(1.0 - cosines**2, 1e-12))).sum(axis=(1, 2))
     return int(strides[np.argmin(energy)])

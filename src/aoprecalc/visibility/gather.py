@@ -11,13 +11,13 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import places, surface_of_texel
 from aoprecalc.raster.least_squares import Reconstruction
 from aoprecalc.raster.samples import Samples
-from aoprecalc.types import Floats, Mask, Texels
+from aoprecalc.types import BoolArray, Float32Array, Texels
 from aoprecalc.visibility.directions import texel_offset
-from aoprecalc.visibility.setup import PART, Side, Site, runs
-from aoprecalc.visibility.shared_instances import Turns
+from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, SurfaceSide, chunks
+from aoprecalc.visibility.shared_instances import SharedInstances
 
 
-def estimate(sums: Floats, directions: int, estimator: Estimator) -> tuple[Floats, Mask]:
+def estimate(sums: Float32Array, directions: int, estimator: Estimator) -> tuple[Float32Array, BoolArray]:
     """Return the values of texels, (k,) float32 >= 0, and which of them were measured at all, (k,) bool.
 
     sums   (k, 2): the weight of visible directions, and of all in front of the surface
@@ -31,7 +31,9 @@ def estimate(sums: Floats, directions: int, estimator: Estimator) -> tuple[Float
     return np.divide(visible, whole, out=np.zeros_like(visible), where=measured), measured
 
 
-def sampling_error(halves: Floats, directions: list[int], estimator: Estimator, sampling: Sampling) -> float | None:
+def sampling_error(
+    halves: Float32Array, directions: list[int], estimator: Estimator, sampling: Sampling
+) -> float | None:
     """Return the error to expect of the two halves together, RMS over the texels that both measured; None without any.
 
     halves       (2, k, 2): visibility sums of the halves
@@ -58,10 +60,10 @@ def sampling_error(halves: Floats, directions: list[int], estimator: Estimator, 
 # What tells how much the texels of a side see along one group of axes after the other.
 
 
-class Sight(Protocol):
+class VisibilitySource(Protocol):
     """Tells visibility sums; whoever tells them, they are the same."""
 
-    def sums(self, samples: Samples, held: slice, group: int) -> Floats:
+    def sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
         """Return what a run of the side's texels sees along a group of axes, (k, 2) float32; see Observer.
 
         samples   of the texels `held`, at the spot of the group
@@ -70,29 +72,29 @@ class Sight(Protocol):
         ...
 
 
-class OwnSight:
+class LocalVisibility:
     """Looks by itself, with the observer of the site's backend."""
 
-    def __init__(self, site: Site, side: Side, shadow_size: int, most: int, progress: Progress) -> None:
+    def __init__(self, site: BakeSetup, side: SurfaceSide, shadow_size: int, most: int, progress: Progress) -> None:
         """Make an observer of up to `most` texels at a time; directions done are counted on `progress`."""
-        self._observer = site.backend.observer(side.surface, most, shadow_size)
-        self._turns = Turns.of(site.subject.scene)
+        self._tester = site.backend.tester(side.surface, most, shadow_size)
+        self._instances = SharedInstances.of(site.subject.scene)
         self._site, self._progress = site, progress
 
-    def sums(self, samples: Samples, held: slice, group: int) -> Floats:
+    def sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
         """See Sight."""
         axes = self._site.axes[self._site.groups[group]]
-        return self._turns.look(self._observer, samples, axes, group, self._progress)
+        return self._instances.accumulate(self._tester, samples, axes, group, self._progress)
 
 
-OpenSight = Callable[[Site, Side, int, int, Progress], Sight]  # as OwnSight is made
+VisibilityFactory = Callable[[BakeSetup, SurfaceSide, int, int, Progress], VisibilitySource]  # as OwnSight is made
 
 
 # From samples to the ambient occlusion of texels: the visibility of one group of axes after the other, summed.
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
+class TexelVisibility:
     """What texels see.
 
     texels           k of them
@@ -104,14 +106,14 @@ class Gathered:
     """
 
     texels: Texels
-    values: Floats
-    measured: Mask
+    values: Float32Array
+    measured: BoolArray
     reconstruction: Reconstruction
     directions: int
     error: float | None
 
 
-def gather(site: Site, side: Side, sight: Sight, most: int) -> Gathered:
+def gather(site: BakeSetup, side: SurfaceSide, sight: VisibilitySource, most: int) -> TexelVisibility:
     """Gather what a side's texels see along all axes, or fewer where the bake's `target_error` is reached before.
 
     Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
@@ -125,12 +127,12 @@ def gather(site: Site, side: Side, sight: Sight, most: int) -> Gathered:
     error = None
     for number, group in enumerate(site.groups):
         count = 2 * (group.stop - group.start)
-        for held in runs(len(texels), most):
+        for held in chunks(len(texels), most):
             samples = site.samples(side, held, number)
             sums = sight.sums(samples, held, number)
             halves[number % 2, held] += sums
-            for start in range(0, len(sums), PART):
-                part = slice(start, start + PART)
+            for start in range(0, len(sums), FIT_CHUNK):
+                part = slice(start, start + FIT_CHUNK)
                 some = Samples(samples.faces[part], samples.weights[part])
                 values, measured = estimate(sums[part], count, options.estimator)
                 counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
@@ -142,4 +144,4 @@ def gather(site: Site, side: Side, sight: Sight, most: int) -> Gathered:
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
     values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
-    return Gathered(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)
+    return TexelVisibility(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)

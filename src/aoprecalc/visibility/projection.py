@@ -8,8 +8,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from aoprecalc.mesh.normals import area_vectors
 from aoprecalc.mesh.unit_sphere import taking_part
-from aoprecalc.types import Atlas, Doubles, Scene
-from aoprecalc.visibility.directions import axes, perpendiculars
+from aoprecalc.types import Atlas, Float64Array, Scene
+from aoprecalc.visibility.directions import axes, orthonormal_basis
 
 _TURNS = 16  # rotations about the axis that are tried for the tightest rectangle
 _MARGIN = 1.0  # empty map texels around the occluders, so that no rounding draws into a neighbour's tile
@@ -25,21 +25,21 @@ class Projections:
     below    (a,) float64: 1 or -1 where the positive or the negative end of the axis leads down to a floor, 0: neither
     """
 
-    rows: Doubles
-    pitch: Doubles
-    below: Doubles
+    rows: Float64Array
+    pitch: Float64Array
+    below: Float64Array
 
-    def some(self, chosen: slice) -> "Projections":
+    def select(self, chosen: slice) -> "Projections":
         """Return a run of them."""
         return Projections(self.rows[chosen], self.pitch[chosen], self.below[chosen])
 
 
-def extreme_points(positions: Doubles) -> Doubles:
+def extreme_points(positions: Float64Array) -> Float64Array:
     """Return the corners of the convex hull of (v, 3) positions, flat ones in their plane; of a line its two ends."""
     principal = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2]
     for dimensions in (3, 2):
         try:
-            corners: Doubles = positions[ConvexHull(positions @ principal[:dimensions].T).vertices]
+            corners: Float64Array = positions[ConvexHull(positions @ principal[:dimensions].T).vertices]
         except (QhullError, ValueError):  # no volume or no area, or too few points for any
             continue
         return corners
@@ -47,12 +47,14 @@ def extreme_points(positions: Doubles) -> Doubles:
     return positions[[along.argmin(), along.argmax()]]
 
 
-def project(axes: Doubles, outline: Doubles, size: int, floor: tuple[float, float, float] | None = None) -> Projections:
+def project(
+    axes: Float64Array, outline: Float64Array, size: int, floor: tuple[float, float, float] | None = None
+) -> Projections:
     """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3).
 
     floor   the unit vector away from it, where there is one
     """
-    across, upward = perpendiculars(axes)
+    across, upward = orthonormal_basis(axes)
     longest = np.linalg.svd(outline - outline.mean(axis=0), full_matrices=False)[2][0]
     along_longest = np.arctan2(upward @ longest, across @ longest)  # which makes a needle's map as thin as the needle
     turns = [np.full(len(axes), turn) for turn in np.arange(_TURNS) * (np.pi / 2 / _TURNS)]
@@ -98,7 +100,7 @@ def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -
 
     What counts is the longer side of a map, in the mean over all axes.
     """
-    area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.covers]), axis=1).sum()
+    area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.mapped]), axis=1).sum()
     if not texels or not area:
         return LEAST
     pitch = project(axes(2 * _SOME_AXES), extreme_points(taking_part(scene)), MOST).pitch

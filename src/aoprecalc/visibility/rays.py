@@ -7,11 +7,11 @@ from importlib.util import find_spec
 import numpy as np
 
 from aoprecalc.errors import RendererError
-from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
 from aoprecalc.system import whole_cores
-from aoprecalc.types import Doubles, Floats, Mask
+from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
 # Of the bounding radius: how far above its face a ray starts, so that it does not meet that face; 32-bit positions are
 # good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
@@ -37,10 +37,10 @@ def require() -> None:
         raise RendererError(reason)
 
 
-class Occluders:
+class RayCaster:
     """The triangles of a mesh in an Embree scene; both their sides stop rays."""
 
-    def __init__(self, corners: Floats, threads: int = 0) -> None:
+    def __init__(self, corners: Float32Array, threads: int = 0) -> None:
         """Build over triangles, (o, 3, 3) float32 corners; `threads` cast rays, 0 is one a core.
 
         Raises RendererError where rays cannot be cast.
@@ -55,7 +55,7 @@ class Occluders:
         self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
         self._threads = threads or whole_cores()
 
-    def hidden(self, origins: Floats, directions: Floats) -> Mask:
+    def occluded(self, origins: Float32Array, directions: Float32Array) -> BoolArray:
         """Return which of k rays meet a triangle, (k,) bool.
 
         origins      (k, 3) float32
@@ -76,15 +76,15 @@ class Occluders:
 # Visibility by tracing rays: slower than maps, exact, and without OpenGL.
 
 
-class RayObserver:
+class RayTester:
     """An Observer that casts a ray from every sample along every direction in front of it."""
 
-    def __init__(self, surface: UnitSurface, threads: int = 0) -> None:
+    def __init__(self, surface: NormalizedSurface, threads: int = 0) -> None:
         """Build the occluders. Raises RendererError where embreex is not installed."""
         self._surface = surface
-        self._occluders = Occluders(surface.occluders, threads)
+        self._occluders = RayCaster(surface.occluders, threads)
 
-    def look(self, samples: Samples, axes: Doubles, progress: Progress) -> Floats:
+    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see Observer."""
         there = np.flatnonzero(samples.faces >= 0)
         places, normals, geometric = self._surface.at(samples.faces[there], samples.weights[there])
@@ -99,7 +99,7 @@ class RayObserver:
                 if self._surface.is_below(direction):
                     hidden = np.ones(len(facing), bool)
                 else:
-                    hidden = self._occluders.hidden(origins[facing], direction[None].astype(np.float32))
+                    hidden = self._occluders.occluded(origins[facing], direction[None].astype(np.float32))
                 whole[facing] += weights
                 visible[facing] += np.where(hidden, 0, weights)
                 progress.advance()

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aoprecalc.errors import UsageError
-from aoprecalc.mesh.unit_sphere import UnitSurface
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import lay_out
 from aoprecalc.raster.samples import CENTER, Samples, only
-from aoprecalc.types import Atlas, Doubles, Floats, Mask, Scene, Texels
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import axes, groups, texel_offset
 
-PART = 1 << 20  # texels that are fitted at a time, whatever the portion, so that no sum depends on it
+FIT_CHUNK = 1 << 20  # texels that are fitted at a time, whatever the portion, so that no sum depends on it
 _MOST_PARTS = 8  # without a limit: drawing maps twice for 4096^2 texels takes a tenth longer, and saves 400 MB
 
 # Bytes that a bake takes beyond what it holds before it looks at anything; measured, on the high side.
@@ -29,7 +29,7 @@ _REST = 80 << 20  # that, and what the renderer compiles and keeps
 _DRIFT = 16  # megabytes by which what a process holds differs from one run to the next
 
 
-def portion(limit: int | None, size: str, picture: int, covered: int, maps: int, triangles: int) -> int:
+def texels_per_chunk(limit: int | None, size: str, picture: int, covered: int, maps: int, triangles: int) -> int:
     """Return the most texels that can be looked at at a time within `limit` bytes of memory; None is no limit.
 
     It is a multiple of PART, or all that are covered.
@@ -38,7 +38,7 @@ def portion(limit: int | None, size: str, picture: int, covered: int, maps: int,
     maps      bytes of the near/far maps of one axis; triangles: of the mesh
     Raises UsageError where not even PART texels fit.
     """
-    most = _MOST_PARTS * PART
+    most = _MOST_PARTS * FIT_CHUNK
     if limit is None:
         return min(most, covered)
     present = _resident() + _REST + max(0, maps - _OF_MAPS) + triangles * _OF_TRIANGLE
@@ -48,19 +48,19 @@ def portion(limit: int | None, size: str, picture: int, covered: int, maps: int,
         solving = picture * _OF_SOLVING + held * _OF_HELD_BEFORE
         return present + max(looking, solving)
 
-    for held in range(most, 0, -PART):
+    for held in range(most, 0, -FIT_CHUNK):
         if need(min(held, covered)) <= limit:
             return min(held, covered)
-    enough = (need(min(PART, covered)) >> 20) + _DRIFT
+    enough = (need(min(FIT_CHUNK, covered)) >> 20) + _DRIFT
     raise UsageError(
         f"--memory-limit is {limit >> 20}M; {size} texels of this mesh need {enough}M; "
         "use a higher limit or a smaller --size"
     )
 
 
-def runs(count: int, portion: int) -> list[slice]:
+def chunks(count: int, texels_per_chunk: int) -> list[slice]:
     """Cut `count` texels into runs of `portion`, the last one possibly shorter."""
-    return [slice(start, min(start + portion, count)) for start in range(0, count, portion)]
+    return [slice(start, min(start + texels_per_chunk, count)) for start in range(0, count, texels_per_chunk)]
 
 
 def _resident() -> int:
@@ -85,7 +85,7 @@ def _resident() -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class BakeInputs:
     """What is looked at and how, in plain values: whoever has them finds the same texels and sees the same.
 
     scene     with the roles of its parts; its document does not matter
@@ -96,12 +96,12 @@ class Subject:
 
     scene: Scene
     atlas: Atlas
-    normals: Floats
+    normals: Float32Array
     options: BakeOptions
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class SurfaceSide:
     """One side of the surface.
 
     surface   turned so that this side is in front
@@ -109,12 +109,12 @@ class Side:
     faces     (f,) bool: samples on others do not count; None: all count
     """
 
-    surface: UnitSurface
+    surface: NormalizedSurface
     texels: Texels
-    faces: Mask | None
+    faces: BoolArray | None
 
 
-class Site:
+class BakeSetup:
     """A subject on a backend.
 
     axes     (a, 3) float64, in groups whose sums are added in their order
@@ -122,26 +122,26 @@ class Site:
     sides    the front, and the back where some faces have one
     """
 
-    def __init__(self, backend: Backend, subject: Subject) -> None:
+    def __init__(self, backend: Backend, subject: BakeInputs) -> None:
         """Find the texels."""
         self.backend, self.subject = backend, subject
         scene, options = subject.scene, subject.options
         self._sampler = backend.sampler(lay_out(scene, subject.atlas, options.width, options.height))
-        self.axes: Doubles = axes(options.directions, options.sampling, options.seed)
+        self.axes: Float64Array = axes(options.directions, options.sampling, options.seed)
         self.groups = groups(len(self.axes))
         self.texels = self._sampler.coverage()
-        self.sides = [Side(UnitSurface.of(scene, subject.normals), self.texels, None)]
+        self.sides = [SurfaceSide(NormalizedSurface.of(scene, subject.normals), self.texels, None)]
         backs = scene.two_sided & scene.receives
         if backs.any() and len(self.texels):
             face = self._sampler.samples(self.texels, CENTER).faces
-            behind = self.texels.some((face < 0) | backs[face])
-            self.sides.append(Side(self.sides[0].surface.turned(), behind, backs))
+            behind = self.texels.select((face < 0) | backs[face])
+            self.sides.append(SurfaceSide(self.sides[0].surface.turned(), behind, backs))
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
         return self._sampler.overlap()
 
-    def samples(self, side: Side, held: slice, group: int) -> Samples:
+    def samples(self, side: SurfaceSide, held: slice, group: int) -> Samples:
         """Return what lies under a run of a side's texels at the spot of a group of axes."""
-        samples = self._sampler.samples(side.texels.some(held), texel_offset(group))
+        samples = self._sampler.samples(side.texels.select(held), texel_offset(group))
         return samples if side.faces is None else only(samples, side.faces)

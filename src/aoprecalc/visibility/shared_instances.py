@@ -7,31 +7,31 @@ import numpy as np
 
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
-from aoprecalc.types import SWAPPED, Doubles, Floats, Ints, Mask, Scene
-from aoprecalc.visibility.backend import Observer
+from aoprecalc.types import SWAPPED, BoolArray, Float32Array, Float64Array, Int32Array, Scene
+from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import GOLDEN
 
 MOST = 8  # of a group's 64 axes each has eight then, as many as a batch of maps
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
+class SharedInstances:
     """Whose turn it is.
 
     faces     (t, f) int32: the face from which a sample on each face looks at each turn
     swapped   (t, f) bool: that face has its second and third corners the other way round
     """
 
-    faces: Ints
-    swapped: Mask
+    faces: Int32Array
+    swapped: BoolArray
 
     @classmethod
     def of(cls, scene: Scene) -> Self:
         """Let up to MOST sharers of a place take turns, evenly chosen where they are more."""
         sharers: dict[int, list[int]] = {}
         for number, part in enumerate(scene.parts):
-            if part.shares is not None:
-                sharers.setdefault(part.shares, [part.shares]).append(number)
+            if part.uv_owner is not None:
+                sharers.setdefault(part.uv_owner, [part.uv_owner]).append(number)
         turns = min(max(map(len, sharers.values()), default=1), MOST)
         faces = np.tile(np.arange(len(scene.faces), dtype=np.int32), (turns, 1))
         swapped = np.zeros(faces.shape, bool)
@@ -44,16 +44,18 @@ class Turns:
                 swapped[turn, own.faces] = (own.vertices != other.vertices).any(axis=1)
         return cls(faces, swapped)
 
-    def look(self, observer: Observer, samples: Samples, axes: Doubles, group: int, progress: Progress) -> Floats:
+    def accumulate(
+        self, tester: VisibilityTester, samples: Samples, axes: Float64Array, group: int, progress: Progress
+    ) -> Float32Array:
         """Return what the samples see along the (a, 3) axes of group number `group`, see Observer."""
         turns = len(self.faces)
         if turns == 1:
-            return observer.look(samples, axes, progress)
+            return tester.accumulate(samples, axes, progress)
         # Every second axis, or every eighth, would be an uneven set; by the golden ratio they are even for any number.
         whose = ((np.arange(len(axes)) * GOLDEN + group * GOLDEN**2) % 1.0 * turns).astype(int)
         sums = np.zeros((len(samples.faces), 2), np.float32)
         for turn in np.unique(whose).tolist():
-            sums += observer.look(self._at(samples, turn), axes[whose == turn], progress)
+            sums += tester.accumulate(self._at(samples, turn), axes[whose == turn], progress)
         return sums
 
     def _at(self, samples: Samples, turn: int) -> Samples:

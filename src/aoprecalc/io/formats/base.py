@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.io.images import decode_pixels, read_pixels
-from aoprecalc.types import SWAPPED, Atlas, Doubles, Floats, Scene
+from aoprecalc.types import SWAPPED, Atlas, Float32Array, Float64Array, Scene
 
 
-def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
+def placed_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
     """Return the atlas's UVs, (f, 3, 2), where parts that share a place have those of its owner.
 
     They are (0, 0) on parts that do not receive.
     """
     uvs = np.where(scene.receives[:, None, None], atlas.uvs, 0.0)
     for part in scene.parts:
-        if part.receives and part.shares is not None:
-            owner = scene.parts[part.shares]
+        if part.receives and part.uv_owner is not None:
+            owner = scene.parts[part.uv_owner]
             mirrored = (part.vertices != owner.vertices).any(axis=1)
             there = atlas.uvs[owner.faces]
             uvs[part.faces] = np.where(mirrored[:, None, None], there[:, SWAPPED], there)
@@ -25,11 +25,11 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Doubles:
 
 
 def what_is_lost(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
-    """Return what the user should know of looks that are lost, and where the file's own UVs make room for others."""
+    """Return what the user should know of materials that are lost, and where the file's own UVs make room for others."""
     kind = path.suffix.removeprefix(".").upper()
-    looks = [part.look for part in scene.parts]
+    materials = [part.material for part in scene.parts]
     lost: tuple[str, ...] = ()
-    if any(look.glass or look.cutout is not None for look in looks):
+    if any(material.transparent or material.alpha_mask is not None for material in materials):
         lost = (f"{path}: {kind} says nothing of glass and of holes, which the bake has heeded; a .glb would",)
     if not scene.uv_sets or atlas.uv_set == 0:
         return lost
@@ -55,11 +55,11 @@ class Picture:
     path: Path | None = None
     data: bytes = field(default=b"", repr=False, compare=False)
 
-    def pixels(self) -> Floats:
+    def pixels(self) -> Float32Array:
         """Return its values as stored, (height, width, channels) float32; raises InputError where it is unreadable."""
         return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
 
-    def read(self) -> Floats:
+    def read(self) -> Float32Array:
         """Return its first channel, (height, width) float32; raises InputError where it is unreadable."""
         return np.ascontiguousarray(self.pixels()[:, :, 0])
 
@@ -75,5 +75,5 @@ class Pictured:
     """
 
     picture: Picture | None
-    uvs: Doubles | None
+    uvs: Float64Array | None
     note: str = ""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.mesh.normals import face_directions
+from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.vertices import distinct_rows
-from aoprecalc.types import Doubles, Floats, Look, Part, Scene
+from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 
 
 def damaged(path: Path, found: str) -> InputError:
@@ -47,17 +47,17 @@ class Piece:
     uv_sets    each (f, 3, 2) at the corners, v upwards, NaN where the file has none
     source     becomes Part.source
     names      beside `name`, become Part.names
-    look       becomes Part.look
+    material   becomes Part.material
     """
 
     name: str
-    positions: Doubles
+    positions: Float64Array
     vertices: NDArray[np.int64]
     normals: NDArray[Any] | None = None
     uv_sets: tuple[NDArray[Any], ...] = ()
     source: object = None
     names: Collection[str | None] = ()
-    look: Look = field(default_factory=Look)
+    material: Material = field(default_factory=Material)
 
 
 def build_scene(
@@ -79,7 +79,7 @@ def build_scene(
     positions, faces = _weld(filled)
     _check_positions(path, positions)
     said = list(warnings)
-    face_normals, has_area = face_directions(positions[faces])
+    normals_of_faces, has_area = face_normals(positions[faces])
     if not has_area.any():
         raise InputError(
             f"{path}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
@@ -92,7 +92,7 @@ def build_scene(
         kind=kind,
         positions=positions,
         faces=faces.astype(np.int32),
-        normals=_gather_normals(filled, face_normals, said),
+        normals=_gather_normals(filled, normals_of_faces, said),
         uv_sets=_gather_uv_sets(filled, said),
         parts=_parts(filled),
         document=document,
@@ -100,7 +100,7 @@ def build_scene(
     )
 
 
-def _weld(pieces: Sequence[Piece]) -> tuple[Doubles, NDArray[np.intp]]:
+def _weld(pieces: Sequence[Piece]) -> tuple[Float64Array, NDArray[np.intp]]:
     """Return (v, 3) distinct used positions and (f, 3) faces into them."""
     used_positions, corners, offset = [], [], 0
     for piece in pieces:
@@ -113,7 +113,7 @@ def _weld(pieces: Sequence[Piece]) -> tuple[Doubles, NDArray[np.intp]]:
     return positions[first] + 0.0, which[np.concatenate(corners)]  # + 0.0 turns -0.0 into 0.0
 
 
-def _check_positions(path: Path, positions: Doubles) -> None:
+def _check_positions(path: Path, positions: Float64Array) -> None:
     wrong = ~(np.abs(positions) <= LARGEST_COORDINATE).all(axis=1)
     if not wrong.any():
         extent = np.ptp(positions, axis=0).max()
@@ -129,7 +129,7 @@ def _check_positions(path: Path, positions: Doubles) -> None:
     )
 
 
-def _gather_normals(pieces: Sequence[Piece], face_normals: Doubles, said: list[str]) -> Floats | None:
+def _gather_normals(pieces: Sequence[Piece], face_normals: Float64Array, said: list[str]) -> Float32Array | None:
     """Return unit normals for all corners; None where the file has not enough of them."""
     with_normals = [piece.normals for piece in pieces if piece.normals is not None]
     if not with_normals:
@@ -156,7 +156,7 @@ def _gather_normals(pieces: Sequence[Piece], face_normals: Doubles, said: list[s
     return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
 
 
-def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Doubles, ...]:
+def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Float64Array, ...]:
     """Return every set of UVs for all corners, (0, 0) where the file has none."""
     sets = []
     for number in range(max(len(piece.uv_sets) for piece in pieces)):
@@ -178,6 +178,8 @@ def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
     for piece in pieces:
         stop = start + len(piece.vertices)
         names = frozenset(name for name in piece.names if name)
-        parts.append(Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source, names, piece.look))
+        parts.append(
+            Part(piece.name, start, stop, piece.vertices.astype(np.int32), piece.source, names, piece.material)
+        )
         start = stop
     return tuple(parts)

@@ -21,7 +21,7 @@ from aoprecalc.io.formats.polygons import Indices, Polygons, polygon_triangles, 
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.vertices import distinct_rows
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, Doubles, Floats, Scene
+from aoprecalc.types import Atlas, Float32Array, Float64Array, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 VERTEX_NORMALS = ("nx", "ny", "nz")
@@ -112,7 +112,9 @@ def uv_names(columns: Collection[str]) -> tuple[str, ...]:
     return next((names for names in VERTEX_UVS if all(name in columns for name in names)), ())
 
 
-def _faces(positions: Doubles, tables: dict[str, Table]) -> tuple[Polygons, NDArray[np.int64], Doubles | None]:
+def _faces(
+    positions: Float64Array, tables: dict[str, Table]
+) -> tuple[Polygons, NDArray[np.int64], Float64Array | None]:
     """Return polygons, the (f, 3) vertices of their triangles and, where faces carry UVs, (f, 3, 2) at the corners."""
     face = tables.get("face", Table({}, {}))
     lists = next((face.lists[name] for name in FACE_LISTS if name in face.lists), None)
@@ -183,7 +185,7 @@ _LONGEST_LIST = 255  # that a count of one byte can tell
 
 
 def write_ply(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Float32Array, texture: Path, pack: Pack = "none"
 ) -> tuple[str, ...]:
     """Write a PLY whose vertices are split where UVs or normals differ; return what the user should know.
 
@@ -196,7 +198,7 @@ def write_ply(
     else:
         document, origins = _fresh_document(scene), scene.faces
     uvs = placed_uvs(scene, atlas).astype(np.float32)
-    faces = document.polygons.rejoin([uvs, normals], decides=atlas.covers | (atlas.uv_set is not None))
+    faces = document.polygons.rejoin([uvs, normals], decides=atlas.mapped | (atlas.uv_set is not None))
 
     at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in (normals, uvs)]
     count = len(document.vertices["x"])
@@ -233,7 +235,7 @@ def _fresh_document(scene: Scene) -> PlyDocument:
     return PlyDocument(vertices, polygons or Polygons.of_triangles(len(scene.faces)), {})
 
 
-def _shortest(positions: Doubles) -> NDArray[Any]:
+def _shortest(positions: Float64Array) -> NDArray[Any]:
     single = positions.astype(np.float32)
     return single if np.array_equal(single, positions) else positions
 

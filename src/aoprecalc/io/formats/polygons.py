@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import Mask
+from aoprecalc.types import BoolArray
 
 Indices = NDArray[np.int64]
 Points = NDArray[np.float64]
@@ -58,7 +58,7 @@ class Polygons:
             np.concatenate([self.owners, other.owners + len(self.counts)]),
         )
 
-    def rejoin(self, values: Sequence[NDArray[Any]], decides: Mask) -> Faces:
+    def rejoin(self, values: Sequence[NDArray[Any]], decides: BoolArray) -> Faces:
         """Return each polygon whole where its triangles agree at the corners that they share, else its triangles.
 
         values   each (t, 3, c): what the corners of the triangles have

@@ -18,12 +18,12 @@ from aoprecalc.io.sphere_files.scenes import (
     usda_stage,
 )
 from aoprecalc.io.sphere_files.tables import csv_table, npz_archive, ply_points, read_csv, read_npz
-from aoprecalc.types import Doubles, Scene, SphereSet
+from aoprecalc.types import Float64Array, Scene, SphereSet
 
 _READERS = {".json": read_json, ".csv": read_csv, ".npz": read_npz}
 
 
-def read_spheres(path: Path) -> tuple[Doubles, Doubles]:
+def read_spheres(path: Path) -> tuple[Float64Array, Float64Array]:
     """Read (centers, radii), (n, 3) and (n,) float64, n >= 1, from .json, .csv or .npz.
 
     Of a JSON only its "spheres" count, and its "schema" where it has one.
@@ -41,7 +41,7 @@ def read_spheres(path: Path) -> tuple[Doubles, Doubles]:
     return centers, radii
 
 
-def read_levels(path: Path) -> list[tuple[Doubles, Doubles]]:
+def read_levels(path: Path) -> list[tuple[Float64Array, Float64Array]]:
     """Read (centers, radii) of every level of a set, the coarsest first; only .json has more than one.
 
     Raises InputError as `read_spheres` does.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.types import Doubles, SphereSet
+from aoprecalc.types import Float64Array, SphereSet
 
 
 def source_bytes(path: Path) -> bytes:
@@ -18,7 +18,7 @@ def source_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a sphere set") from error
 
 
-def check_spheres(path: Path, centers: Doubles, radii: Doubles) -> None:
+def check_spheres(path: Path, centers: Float64Array, radii: Float64Array) -> None:
     """Raise InputError unless there are n >= 1 centers (n, 3) and radii (n,), all finite, no radius below 0."""
     if radii.ndim != 1 or len(radii) == 0 or centers.shape != (len(radii), 3):
         raise InputError(f"{path}: expected at least one sphere, each with a center [x, y, z] and a radius")
@@ -108,7 +108,7 @@ def read_sphere_set(path: Path) -> tuple[SphereSet, dict[str, float]]:
     return spheres, quality
 
 
-def read_json(path: Path) -> tuple[Doubles, Doubles]:
+def read_json(path: Path) -> tuple[Float64Array, Float64Array]:
     """Read (centers, radii) as float64, of the shapes that are in the file, unchecked.
 
     Raises InputError where the file is missing, is not JSON, has another schema or no "spheres" of numbers.
@@ -118,7 +118,7 @@ def read_json(path: Path) -> tuple[Doubles, Doubles]:
     return _spheres(path, document)
 
 
-def read_coarser(path: Path) -> list[tuple[Doubles, Doubles]]:
+def read_coarser(path: Path) -> list[tuple[Float64Array, Float64Array]]:
     """Read what `read_json` does of each of the coarser levels, the coarsest first; there may be none."""
     levels = _load(path).get("levels", [])
     if not (isinstance(levels, list) and all(isinstance(level, dict) for level in levels)):
@@ -139,7 +139,7 @@ def _require_schema(path: Path, schema: object) -> None:
         raise InputError(f"{path}: has the schema {schema!r}, expected {SCHEMA}; write it with `aoprecalc spheres`")
 
 
-def _spheres(path: Path, document: dict[str, Any]) -> tuple[Doubles, Doubles]:
+def _spheres(path: Path, document: dict[str, Any]) -> tuple[Float64Array, Float64Array]:
     try:
         centers = np.array([sphere["center"] for sphere in document["spheres"]], np.float64)
         radii = np.array([sphere["radius"] for sphere in document["spheres"]], np.float64)

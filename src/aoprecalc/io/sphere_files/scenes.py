@@ -10,7 +10,7 @@ from aoprecalc.io.formats.gltf.accessors import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 from aoprecalc.io.formats.gltf.writer import glb
 from aoprecalc.mesh.vertices import split_corners
-from aoprecalc.types import Doubles, Ints, Scene, SphereSet
+from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
 
 def printable(scene: Scene | None) -> str:
@@ -32,7 +32,7 @@ COLOR = (0.9, 0.4, 0.1, 0.4)  # red, green, blue and opacity: the mesh shows thr
 _DIVISIONS = 3  # 1280 triangles; they lie at most 0.5% of the radius inside the sphere
 
 
-def unit_ball() -> tuple[Doubles, Ints]:
+def unit_ball() -> tuple[Float64Array, Int32Array]:
     """Return (points, triangles) of an icosphere around the origin, its points at distance 1.
 
     points      (642, 3) float64, which are its normals too

@@ -10,7 +10,7 @@ import numpy as np
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.sphere_files.json_format import source_bytes
-from aoprecalc.types import Doubles, SphereSet
+from aoprecalc.types import Float64Array, SphereSet
 
 HEADER = ["x", "y", "z", "radius"]
 
@@ -24,7 +24,7 @@ def csv_table(spheres: SphereSet) -> str:
     return text.getvalue()
 
 
-def read_csv(path: Path) -> tuple[Doubles, Doubles]:
+def read_csv(path: Path) -> tuple[Float64Array, Float64Array]:
     """Read (centers, radii), (n, 3) and (n,) float64, unchecked; n may be 0.
 
     Raises InputError where the file is missing, has another header or a row that is not four numbers.
@@ -66,7 +66,7 @@ def npz_archive(spheres: SphereSet) -> bytes:
     return archive.getvalue()
 
 
-def read_npz(path: Path) -> tuple[Doubles, Doubles]:
+def read_npz(path: Path) -> tuple[Float64Array, Float64Array]:
     """Read (centers, radii) as float64, of the shapes that are in the file, unchecked.
 
     Raises InputError where the file is missing, is no such archive, or its arrays are not of real numbers.

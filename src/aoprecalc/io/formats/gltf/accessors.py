@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.io.formats.builder import damaged
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json
-from aoprecalc.types import Doubles
+from aoprecalc.types import Float64Array
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -54,7 +54,7 @@ def numbers(document: GltfDocument, index: int) -> NDArray[Any]:
     return rows.view(kind)
 
 
-def doubles(document: GltfDocument, index: int) -> Doubles:
+def doubles(document: GltfDocument, index: int) -> Float64Array:
     """Return the (count, width) elements of an accessor as float64, normalized integers as fractions."""
     values = numbers(document, index)
     if not document.entry("accessors", index).get("normalized") or values.dtype.kind == "f":

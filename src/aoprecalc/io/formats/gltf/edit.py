@@ -13,7 +13,7 @@ from aoprecalc.io.formats.gltf.document import GltfDocument, Json
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, Place
 from aoprecalc.io.formats.gltf.reader import INSTANCING, GltfSource
 from aoprecalc.mesh.vertices import split_corners
-from aoprecalc.types import SWAPPED, Atlas, Doubles, Floats, Part, Scene
+from aoprecalc.types import SWAPPED, Atlas, Float32Array, Float64Array, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.
 SETS_EVERYWHERE = 2
@@ -23,7 +23,7 @@ _WITHOUT_VERTICES = {VARIANTS, "EXT_mesh_features", "EXT_structural_metadata"}
 
 
 def edit_document(
-    document: GltfDocument, scene: Scene, atlas: Atlas, normals: Floats
+    document: GltfDocument, scene: Scene, atlas: Atlas, normals: Float32Array
 ) -> tuple[Json, GltfBuffer, dict[Place, int], tuple[str, ...]]:
     """Return a copy of the scene's document that has the atlas's UVs and these normals.
 
@@ -44,7 +44,7 @@ def edit_document(
         buffer = _carry_views(document, json, set(), set())
         return json, buffer, sets, _warnings(document, json, scene, sets, ())
 
-    owners = [scene.parts[part.shares] if part.shares is not None else part for part in scene.parts]
+    owners = [scene.parts[part.uv_owner] if part.uv_owner is not None else part for part in scene.parts]
     places = _own_meshes(json, scene.parts, [owner if owner.receives else None for owner in owners], apart=True)
     originals = {part: _primitive(document.json, _place(part)) for part in places}
     for place in places.values():
@@ -83,7 +83,7 @@ def _warnings(
     said = []
     more_meshes = len(json["meshes"]) - len(document.json["meshes"])
     if more_meshes:
-        together = any(part.shares is not None for part in scene.parts)
+        together = any(part.uv_owner is not None for part in scene.parts)
         hint = "" if together else " (--instances share keeps them together)"
         said.append(f"{more_meshes} instances have become meshes of their own{hint}")
     far = sum(number >= SETS_EVERYWHERE for number in sets.values())
@@ -100,8 +100,8 @@ def _rewrite(
     buffer: GltfBuffer,
     part: Part,
     original: Json,
-    uvs: Doubles | None,
-    normals: Floats | None,
+    uvs: Float64Array | None,
+    normals: Float32Array | None,
     uv_name: str,
 ) -> Json:
     """Return a primitive like the original, with new vertices in the buffer."""
@@ -134,7 +134,7 @@ def _rewrite(
     return primitive
 
 
-def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Floats) -> bool:
+def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Float32Array) -> bool:
     """Tell whether a part is shaded with other normals than its file's, or the reader had to replace some of these."""
     if scene.normals is None or not np.array_equal(scene.normals[part.faces], normals[part.faces]):
         return True
@@ -145,7 +145,7 @@ def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Floats) 
     return not (np.isfinite(values).all(axis=1) & values.any(axis=1)).all()
 
 
-def _local_normals(source: GltfSource, part: Part, normals: Floats) -> Floats:
+def _local_normals(source: GltfSource, part: Part, normals: Float32Array) -> Float32Array:
     """Return world normals as the primitive's own: the transpose undoes what its cofactors did, up to length."""
     linear = source.linear[part.vertices] if source.linear.ndim == 3 else source.linear
     local = np.einsum("...ij,...i->...j", linear, normals.astype(np.float64))

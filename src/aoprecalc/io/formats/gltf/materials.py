@@ -10,7 +10,7 @@ from aoprecalc.io.formats.base import Picture
 from aoprecalc.io.formats.builder import check_indices, damaged
 from aoprecalc.io.formats.gltf.accessors import doubles, view_bytes
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, local_file
-from aoprecalc.types import SWAPPED, Cutout, Doubles, Floats, Look, Wrap
+from aoprecalc.types import SWAPPED, AlphaMask, Float32Array, Float64Array, Material, Wrap
 
 TRANSFORM = "KHR_texture_transform"
 
@@ -47,11 +47,11 @@ class TextureUse:
             tuple(transform.get("offset", (0.0, 0.0))),
         )
 
-    def places(self, uvs: Doubles) -> Doubles:
+    def places(self, uvs: Float64Array) -> Float64Array:
         """Return where (..., 2) UVs, v downwards as in the file, lie in the texture, v upwards."""
         cos, sin = np.cos(self.rotation), np.sin(self.rotation)
         turn = np.array([[cos, sin], [-sin, cos]])
-        moved: Doubles = uvs * self.scale @ turn.T + self.offset
+        moved: Float64Array = uvs * self.scale @ turn.T + self.offset
         return moved * (1, -1) + (0, 1)
 
 
@@ -84,11 +84,11 @@ def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
 
 TRANSMISSION, UNLIT = "KHR_materials_transmission", "KHR_materials_unlit"
 
-_OPAQUE: Floats = np.ones((1, 1), np.float32)
+_OPAQUE: Float32Array = np.ones((1, 1), np.float32)
 
 
-class Looks:
-    """The looks of a document's primitives; every picture is read once.
+class MaterialReader:
+    """The materials of a document's primitives; every picture is read once.
 
     warnings   what the user should know: the pictures that are missing
     """
@@ -96,7 +96,7 @@ class Looks:
     def __init__(self, document: GltfDocument) -> None:
         """Read nothing yet."""
         self._document = document
-        self._alphas: dict[Picture, Floats] = {}
+        self._alphas: dict[Picture, Float32Array] = {}
         self.warnings: list[str] = []
 
     def name(self, primitive: Json) -> str | None:
@@ -104,21 +104,21 @@ class Looks:
         name: str | None = self._material(primitive).get("name")
         return name
 
-    def look(self, primitive: Json, vertices: NDArray[np.int64]) -> Look:
-        """Return the look of a primitive whose triangles are the (f, 3) vertices."""
+    def material(self, primitive: Json, vertices: NDArray[np.int64]) -> Material:
+        """Return the material of a primitive whose triangles are the (f, 3) vertices."""
         material = self._material(primitive)
         extensions, mode = material.get("extensions", {}), material.get("alphaMode", "OPAQUE")
-        return Look(
-            glass=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
+        return Material(
+            transparent=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
             unlit=UNLIT in extensions,
-            leafy=mode == "MASK" and bool(material.get("doubleSided")),
-            cutout=self._cutout(primitive, material, vertices) if mode == "MASK" else None,
+            foliage=mode == "MASK" and bool(material.get("doubleSided")),
+            alpha_mask=self._cutout(primitive, material, vertices) if mode == "MASK" else None,
         )
 
     def _material(self, primitive: Json) -> Json:
         return self._document.entry("materials", primitive["material"]) if "material" in primitive else {}
 
-    def _cutout(self, primitive: Json, material: Json, vertices: NDArray[np.int64]) -> Cutout:
+    def _cutout(self, primitive: Json, material: Json, vertices: NDArray[np.int64]) -> AlphaMask:
         """Return the holes of a material: where picture, factor and vertex colour together are below the cutoff."""
         attributes, color = primitive["attributes"], material.get("pbrMetallicRoughness", {})
         factors = np.full(vertices.shape, color.get("baseColorFactor", (1, 1, 1, 1))[3], np.float64)
@@ -126,7 +126,7 @@ class Looks:
             colors = self._corners(attributes["COLOR_0"], vertices)
             factors *= colors[:, :, 3] if colors.shape[2] == 4 else 1.0
         cutoff = float(material.get("alphaCutoff", 0.5))
-        solid = Cutout(_OPAQUE, np.zeros((*vertices.shape, 2)), factors, cutoff)
+        solid = AlphaMask(_OPAQUE, np.zeros((*vertices.shape, 2)), factors, cutoff)
         if "baseColorTexture" not in color:
             return solid
         use = TextureUse.of(color["baseColorTexture"])
@@ -134,14 +134,14 @@ class Looks:
             return solid
         uvs = use.places(self._corners(attributes[f"TEXCOORD_{use.uv_set}"], vertices))
         wraps = texture_wraps(self._document, use.index)
-        return Cutout(self._alpha(use.index), uvs, factors, cutoff, wraps)
+        return AlphaMask(self._alpha(use.index), uvs, factors, cutoff, wraps)
 
-    def _corners(self, accessor: int, vertices: NDArray[np.int64]) -> Doubles:
+    def _corners(self, accessor: int, vertices: NDArray[np.int64]) -> Float64Array:
         values = doubles(self._document, accessor)
         check_indices(self._document.path, vertices, len(values))
         return values[vertices]
 
-    def _alpha(self, texture: int) -> Floats:
+    def _alpha(self, texture: int) -> Float32Array:
         """Return the alpha of a texture's picture; 1 where it has none."""
         try:
             picture = texture_picture(self._document, texture)
@@ -157,9 +157,11 @@ class Looks:
             return _OPAQUE
 
 
-def mirrored_look(look: Look) -> Look:
-    """Return a look whose corners 1 and 2 are exchanged."""
-    if look.cutout is None:
-        return look
-    cutout = replace(look.cutout, uvs=look.cutout.uvs[:, SWAPPED], factors=look.cutout.factors[:, SWAPPED])
-    return replace(look, cutout=cutout)
+def mirrored_material(material: Material) -> Material:
+    """Return a material whose corners 1 and 2 are exchanged."""
+    if material.alpha_mask is None:
+        return material
+    alpha_mask = replace(
+        material.alpha_mask, uvs=material.alpha_mask.uvs[:, SWAPPED], factors=material.alpha_mask.factors[:, SWAPPED]
+    )
+    return replace(material, alpha_mask=alpha_mask)

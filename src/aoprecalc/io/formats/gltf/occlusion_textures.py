@@ -16,7 +16,7 @@ from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_pictu
 from aoprecalc.io.formats.gltf.reader import GltfSource
 from aoprecalc.io.images import png_bytes
 from aoprecalc.texture_lookup import wrapped
-from aoprecalc.types import Atlas, Doubles, Floats, Part, Wrap
+from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
 VARIANTS = "KHR_materials_variants"
 
@@ -124,7 +124,7 @@ class OrmPicture:
 
 
 def orm_pictures(
-    document: GltfDocument, materials: Mapping[int, int], atlas: Atlas, occlusion: Floats
+    document: GltfDocument, materials: Mapping[int, int], atlas: Atlas, occlusion: Float32Array
 ) -> tuple[dict[int, OrmPicture], tuple[str, ...]]:
     """Return the packed pictures of those materials that can have one, and what the user should know of the others.
 
@@ -170,7 +170,7 @@ def _obstacle(document: GltfDocument, info: Json | None, number: int, atlas: Atl
     return ""
 
 
-def _packed(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Floats) -> OrmPicture:
+def _packed(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Float32Array) -> OrmPicture:
     pixels = texture_picture(document, texture).pixels()
     colors = pixels[:, :, 1:3] if pixels.shape[2] >= 3 else pixels[:, :, [0, 0]]  # grey is the same in all
     height, width = max(len(pixels), len(occlusion)), max(pixels.shape[1], occlusion.shape[1])
@@ -184,7 +184,7 @@ def _packed(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Float
     return OrmPicture(png_bytes(np.concatenate(layers, axis=2)), sampler)
 
 
-def _enlarged(values: Floats, height: int, width: int, wraps: tuple[Wrap, Wrap]) -> Floats:
+def _enlarged(values: Float32Array, height: int, width: int, wraps: tuple[Wrap, Wrap]) -> Float32Array:
     """Return (h, w, channels) values as (height, width, channels), bilinearly; texel centres are at (i + 1/2) / w.
 
     wraps   what lies beyond [0, 1] along u and v
@@ -220,7 +220,7 @@ def gltf_occlusion(document: GltfDocument, part: Part) -> Pictured:
     return Pictured(texture_picture(document, use.index), _uvs(document, part, primitive, use), note)
 
 
-def _uvs(document: GltfDocument, part: Part, primitive: Json, use: TextureUse) -> Doubles | None:
+def _uvs(document: GltfDocument, part: Part, primitive: Json, use: TextureUse) -> Float64Array | None:
     accessor = primitive["attributes"].get(f"TEXCOORD_{use.uv_set}")
     if accessor is None:
         return None

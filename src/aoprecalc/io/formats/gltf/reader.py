@@ -13,11 +13,11 @@ from aoprecalc.io.formats.builder import Piece, build_scene, check_indices, dama
 from aoprecalc.io.formats.gltf.accessors import doubles, numbers
 from aoprecalc.io.formats.gltf.compression import decompressed
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, parse_gltf
-from aoprecalc.io.formats.gltf.materials import Looks, mirrored_look
+from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
-from aoprecalc.mesh.normals import face_directions
-from aoprecalc.types import SWAPPED, Doubles, Look, Part, Scene
+from aoprecalc.mesh.normals import face_normals
+from aoprecalc.types import SWAPPED, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 _PLACES = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
@@ -31,7 +31,7 @@ class PlacedNode:
     names    its own and those of the nodes above it
     """
 
-    matrix: Doubles
+    matrix: Float64Array
     names: frozenset[str]
 
 
@@ -53,7 +53,7 @@ def placed_nodes(document: GltfDocument) -> dict[int, PlacedNode]:
     return placed
 
 
-def instance_matrices(document: GltfDocument, node: Json) -> Doubles | None:
+def instance_matrices(document: GltfDocument, node: Json) -> Float64Array | None:
     """Return where a node repeats its mesh, (n, 4, 4) float64 in its own space; None where it shows it once.
 
     (EXT_mesh_gpu_instancing: any of TRANSLATION, ROTATION and SCALE, one row for each repetition.)
@@ -78,7 +78,7 @@ def _roots(document: GltfDocument) -> list[int]:
     return [index for index in range(len(nodes)) if index not in children]
 
 
-def _local_matrix(node: Json) -> Doubles:
+def _local_matrix(node: Json) -> Float64Array:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     matrix = np.eye(4)
@@ -87,7 +87,7 @@ def _local_matrix(node: Json) -> Doubles:
     return matrix
 
 
-def _rotation(quaternion: Any) -> Doubles:
+def _rotation(quaternion: Any) -> Float64Array:
     x, y, z, w = np.array(quaternion, dtype=np.float64) / (np.linalg.norm(quaternion) or 1.0)
     return np.array(
         [
@@ -114,7 +114,7 @@ class GltfSource:
     node: int
     mesh: int
     primitive: int
-    linear: Doubles
+    linear: Float64Array
 
     @property
     def mirrored(self) -> bool:
@@ -132,7 +132,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     document = decompressed(parse_gltf(path, data))
     check_references(path, document.json)
     nodes = placed_nodes(document)
-    looks = Looks(document)
+    materials = MaterialReader(document)
     pieces: list[Piece] = []
     others = 0
     for number, placed in nodes.items():
@@ -147,13 +147,13 @@ def read_gltf(path: Path, data: bytes) -> Scene:
             elif "POSITION" in primitive["attributes"]:
                 shape = _shape(document, node, mesh, primitive)
                 own_name = f"{name}.{index}" if len(mesh["primitives"]) > 1 else name
-                names = {own_name, mesh.get("name"), looks.name(primitive), *placed.names}
-                look = looks.look(primitive, shape.vertices)
+                names = {own_name, mesh.get("name"), materials.name(primitive), *placed.names}
+                material = materials.material(primitive, shape.vertices)
                 for placement in _placements(document, node, primitive, nodes, number):
                     source = GltfSource(number, node["mesh"], index, placement[..., :3, :3])
-                    pieces.append(_piece(document, own_name, names, shape, placement, source, look))
+                    pieces.append(_piece(document, own_name, names, shape, placement, source, material))
     warnings = [f"{others} primitives of points or lines are left as they are"] if others else []
-    warnings += [*looks.warnings, *_warnings(document.json)]
+    warnings += [*materials.warnings, *_warnings(document.json)]
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
     return replace(scene, parts=_instances(scene.parts))
 
@@ -178,7 +178,7 @@ def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
         anywhere = first.setdefault((source.mesh, source.primitive), number)
         here = first.setdefault((source.mesh, source.primitive, source.node), number)
         earlier = [None if other == number else other for other in (anywhere, here)]
-        result.append(replace(part, instance_of=earlier[0], repeats=earlier[1]))
+        result.append(replace(part, instance_of=earlier[0], repeat_of=earlier[1]))
     return tuple(result)
 
 
@@ -186,9 +186,9 @@ def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
 class _Shape:
     """A primitive in its own space: its vertices' places and normals (n, 3), UV sets (n, 2), and (f, 3) triangles."""
 
-    positions: Doubles
-    normals: Doubles | None
-    uv_sets: tuple[Doubles, ...]
+    positions: Float64Array
+    normals: Float64Array | None
+    uv_sets: tuple[Float64Array, ...]
     vertices: NDArray[np.int64]
 
 
@@ -207,7 +207,7 @@ def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _
     return _Shape(positions, normals, uv_sets, vertices)
 
 
-def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Doubles:
+def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Float64Array:
     """Return an attribute plus its morph targets' differences times their weights."""
     values = doubles(document, primitive["attributes"][name])
     for target, weight in zip(primitive.get("targets", []), weights, strict=False):
@@ -226,22 +226,22 @@ def _piece(
     name: str,
     names: set[str | None],
     shape: _Shape,
-    placement: Doubles,
+    placement: Float64Array,
     source: GltfSource,
-    look: Look,
+    material: Material,
 ) -> Piece:
     """Return a primitive placed by a (4, 4) or (n, 4, 4) matrix."""
     linear, vertices = source.linear, shape.vertices
     positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
     if source.mirrored:
-        vertices, look = vertices[:, SWAPPED], mirrored_look(look)
+        vertices, material = vertices[:, SWAPPED], mirrored_material(material)
     if shape.normals is None:  # then they are those of the faces, says the specification
-        normals = np.repeat(face_directions(positions[vertices])[0][:, None], 3, axis=1)
+        normals = np.repeat(face_normals(positions[vertices])[0][:, None], 3, axis=1)
     else:
         turned = np.einsum("...ij,...j->...i", _cofactors(linear), shape.normals)
         normals = (-turned if source.mirrored else turned)[vertices]
     uv_sets = tuple(values[vertices] for values in shape.uv_sets)
-    return Piece(name, positions, vertices, normals, uv_sets, source, names, look)
+    return Piece(name, positions, vertices, normals, uv_sets, source, names, material)
 
 
 def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[np.int64]:
@@ -259,7 +259,7 @@ def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[n
 
 def _placements(
     document: GltfDocument, node: Json, primitive: Json, nodes: dict[int, PlacedNode], number: int
-) -> Iterator[Doubles]:
+) -> Iterator[Float64Array]:
     """Yield the (4, 4) local-to-world matrices of a primitive, or (n, 4, 4) for the vertices of a skinned one."""
     attributes, matrix = primitive["attributes"], nodes[number].matrix
     if "skin" in node and "JOINTS_0" in attributes and "WEIGHTS_0" in attributes:
@@ -270,8 +270,8 @@ def _placements(
 
 
 def _skinned(
-    document: GltfDocument, node: Json, attributes: Json, matrix: Doubles, nodes: dict[int, PlacedNode]
-) -> Doubles:
+    document: GltfDocument, node: Json, attributes: Json, matrix: Float64Array, nodes: dict[int, PlacedNode]
+) -> Float64Array:
     """Return the (n, 4, 4) matrices by which a skin places the vertices of a primitive."""
     skin = document.entry("skins", node["skin"])
     if any(joint not in nodes for joint in skin["joints"]):
@@ -291,7 +291,7 @@ def _skinned(
     return np.where(total[:, :, None] > 0, blended, matrix)
 
 
-def _cofactors(linear: Doubles) -> Doubles:
+def _cofactors(linear: Float64Array) -> Float64Array:
     """Return the (..., 3, 3) matrices that carry normals along, up to length; they exist for flat placements too."""
     a, b, c = linear[..., 0, :], linear[..., 1, :], linear[..., 2, :]
     return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)

@@ -20,17 +20,19 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     texture_reference,
 )
 from aoprecalc.io.formats.gltf.references import close_gaps, release
-from aoprecalc.io.formats.obj.materials import Material
+from aoprecalc.io.formats.obj.materials import MtlMaterial
 from aoprecalc.io.formats.obj.reader import ObjDocument
 from aoprecalc.io.formats.obj.writer import Use, material_names, material_use
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.mesh.vertices import split_corners
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, Doubles, Floats, Part, Scene
+from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
 
-def fresh_document(scene: Scene, atlas: Atlas, normals: Floats) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
+def fresh_document(
+    scene: Scene, atlas: Atlas, normals: Float32Array
+) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
     """Return (json, buffer, sets) for a scene: a node and a mesh for each name and material among its parts.
 
     Positions are rounded to float32. Materials of an OBJ keep their diffuse colour and texture, the image of which has
@@ -46,7 +48,7 @@ def fresh_document(scene: Scene, atlas: Atlas, normals: Floats) -> tuple[Json, G
     materials: dict[Use, int] = {}
     sets = {}
     for (name, use), parts in _groups(scene).items():
-        material = known.get(use[0] or "", Material(""))
+        material = known.get(use[0] or "", MtlMaterial(""))
         if use not in materials:
             materials[use] = len(json["materials"])
             json["materials"].append(_material(json, names[use], material, scene))
@@ -77,7 +79,11 @@ def _groups(scene: Scene) -> dict[tuple[str, Use], list[Part]]:
 
 
 def _primitive(
-    buffer: GltfBuffer, scene: Scene, parts: Sequence[Part], normals: Floats | None, uv_sets: Sequence[Doubles]
+    buffer: GltfBuffer,
+    scene: Scene,
+    parts: Sequence[Part],
+    normals: Float32Array | None,
+    uv_sets: Sequence[Float64Array],
 ) -> Json:
     """Return a primitive of the faces of some parts, with these values at the corners of all faces."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
@@ -91,7 +97,7 @@ def _primitive(
     return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
 
 
-def _material(json: Json, name: str, material: Material, scene: Scene) -> Json:
+def _material(json: Json, name: str, material: MtlMaterial, scene: Scene) -> Json:
     color: Json = {"baseColorFactor": [*material.color, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
     if material.picture is not None and scene.uvs is not None:
         images, textures = json.setdefault("images", []), json.setdefault("textures", [])
@@ -101,7 +107,7 @@ def _material(json: Json, name: str, material: Material, scene: Scene) -> Json:
     return {"name": _clean(name), "pbrMetallicRoughness": color}
 
 
-def _upside_down(uvs: Doubles) -> Floats:
+def _upside_down(uvs: Float64Array) -> Float32Array:
     return np.stack([uvs[:, :, 0], 1.0 - uvs[:, :, 1]], axis=2).astype(np.float32)
 
 
@@ -114,7 +120,7 @@ def _clean(name: str) -> str:
 
 
 def write_gltf(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Float32Array, texture: Path, pack: Pack = "none"
 ) -> tuple[str, ...]:
     """Write a .gltf or .glb with the texture as occlusion texture; return what the user should know.
 

@@ -13,7 +13,7 @@ _MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Material:
+class MtlMaterial:
     """What an MTL says about one material, as far as it is passed on.
 
     name     as in the file
@@ -30,9 +30,9 @@ class Material:
     ambient: Path | None = None
 
 
-def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material]:
+def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, MtlMaterial]:
     """Read the materials of MTL files in a folder; a file that is missing or makes no sense gives none."""
-    materials: dict[str, Material] = {}
+    materials: dict[str, MtlMaterial] = {}
     for library in libraries:
         try:
             text = (folder / library).read_bytes().decode("utf-8", "surrogateescape")
@@ -52,7 +52,7 @@ def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, Material
     return materials
 
 
-def material_files(materials: Iterable[Material]) -> list[Path]:
+def material_files(materials: Iterable[MtlMaterial]) -> list[Path]:
     """Return the pictures of materials that are read or passed on."""
     return [picture for material in materials for picture in (material.picture, material.ambient) if picture]
 
@@ -71,7 +71,7 @@ def moved(line: str, source: Path, target: Path) -> str:
     return line.removesuffix(name) + relative_path(file, target)
 
 
-def _material(folder: Path, name: str, lines: Sequence[str]) -> Material:
+def _material(folder: Path, name: str, lines: Sequence[str]) -> MtlMaterial:
     color, pictures = (1.0, 1.0, 1.0), dict[str, Path]()
     for line in lines:
         keyword, rest = _statement(line)
@@ -79,7 +79,7 @@ def _material(folder: Path, name: str, lines: Sequence[str]) -> Material:
             color = _color(rest.split()) or color
         elif keyword.lower() in ("map_kd", "map_ka") and rest:
             pictures[keyword.lower()] = folder / _file_name(rest).replace("\\", "/")
-    return Material(name, tuple(lines), color, pictures.get("map_kd"), pictures.get("map_ka"))
+    return MtlMaterial(name, tuple(lines), color, pictures.get("map_kd"), pictures.get("map_ka"))
 
 
 def _statement(line: str) -> tuple[str, str]:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.io.formats.builder import Piece, build_scene, damaged
-from aoprecalc.io.formats.obj.materials import Material, material_files, read_materials
+from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files, read_materials
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles
-from aoprecalc.types import Doubles, Ints, Scene
+from aoprecalc.types import Float64Array, Int32Array, Scene
 
 _LIBRARY = re.compile(rb"(?:^|[\r\n])[ \t]*mtllib[ \t]+([^\r\n]+)")
 
@@ -47,10 +47,10 @@ class ObjDocument:
     """
 
     text: str
-    corners: Ints
+    corners: Int32Array
     polygons: Polygons
     whole_normals: bool
-    materials: dict[str, Material]
+    materials: dict[str, MtlMaterial]
     libraries: tuple[Path, ...] = ()
 
 
@@ -146,7 +146,7 @@ def _sort_lines(text: str) -> _Lines:
     return lines
 
 
-def _numbers(path: Path, what: str, rows: list[str], least: int, width: int) -> Doubles:
+def _numbers(path: Path, what: str, rows: list[str], least: int, width: int) -> Float64Array:
     """Return (len(rows), width) numbers; those that a row may leave out are 0."""
     split = [row.split(None, width)[:width] for row in rows]
     try:
@@ -235,7 +235,7 @@ def _runs(sections: list[tuple[Section, int]], faces: int) -> Iterator[tuple[Sec
         yield pending
 
 
-def _look_up(table: Doubles, indices: NDArray[np.int64]) -> Doubles | None:
+def _look_up(table: Float64Array, indices: NDArray[np.int64]) -> Float64Array | None:
     """Return the rows at the indices, NaN where an index is -1; None if all are."""
     if not (indices >= 0).any():
         return None

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.io.formats.base import placed_uvs, what_is_lost
-from aoprecalc.io.formats.obj.materials import Material, moved, names_picture
+from aoprecalc.io.formats.obj.materials import MtlMaterial, moved, names_picture
 from aoprecalc.io.formats.obj.reader import ObjDocument, Section, statement
 from aoprecalc.io.formats.ply import PlyDocument
 from aoprecalc.io.formats.polygons import Faces, Indices, Polygons
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.vertices import distinct_rows
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, Floats, Mask, Part, Scene
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Part, Scene
 
 _WHITE = "Kd 1 1 1"
 
@@ -61,7 +61,7 @@ def library_lines(
 
     Materials that no part has, and those of parts that do not receive, stay as they are.
     """
-    unknown = [Material(material or "") for material, _ in names if material not in document.materials]
+    unknown = [MtlMaterial(material or "") for material, _ in names if material not in document.materials]
     lines: list[str] = []
     lost = 0  # materials that part with pictures
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
@@ -132,7 +132,7 @@ class _Rows:
 
 
 def edit_lines(
-    document: ObjDocument, scene: Scene, atlas: Atlas, normals: Floats, names: Mapping[Use, str]
+    document: ObjDocument, scene: Scene, atlas: Atlas, normals: Float32Array, names: Mapping[Use, str]
 ) -> list[str]:
     """Return the lines of a scene's document with the atlas's UVs and these normals on the parts that receive.
 
@@ -147,7 +147,7 @@ def edit_lines(
     uvs = np.where(new_uvs[:, None, None], placed_uvs(scene, atlas), 0.0)
     shading = np.where(new_normals[:, None, None], normals, np.float32(0))
 
-    faces = polygons.rejoin([uvs, shading], decides=atlas.covers | ~new_uvs)
+    faces = polygons.rejoin([uvs, shading], decides=atlas.mapped | ~new_uvs)
     vertices, old_uvs, old_normals = document.corners[polygons.triangles.reshape(-1)[faces.corners]].T
     lines = document.text.split("\n")
     vt = _rows(lines, "vt", old_uvs, UV, uvs, new_uvs, faces)
@@ -159,7 +159,7 @@ def edit_lines(
     return _edited(lines, _Materials(starts, scene.parts, names), vt, vn, texts, ends)
 
 
-def _has_normals(document: ObjDocument, scene: Scene, normals: Floats) -> bool:
+def _has_normals(document: ObjDocument, scene: Scene, normals: Float32Array) -> bool:
     """Tell whether the file's lines have the normals that were used."""
     where = scene.receives
     own = scene.normals if document.whole_normals else None
@@ -167,7 +167,7 @@ def _has_normals(document: ObjDocument, scene: Scene, normals: Floats) -> bool:
 
 
 def _rows(
-    lines: Sequence[str], keyword: str, old: Indices, template: str, values: NDArray[Any], new: Mask, faces: Faces
+    lines: Sequence[str], keyword: str, old: Indices, template: str, values: NDArray[Any], new: BoolArray, faces: Faces
 ) -> _Rows:
     """Number the (t, 3, c) values of the triangles that are `new`, (t,), after the lines that other faces need."""
     is_new = np.repeat(new, 3)[faces.corners]
@@ -250,7 +250,7 @@ def _edited(
 
 
 def write_obj(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Floats, texture: Path, pack: Pack = "none"
+    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Float32Array, texture: Path, pack: Pack = "none"
 ) -> tuple[str, ...]:
     """Write an OBJ and, beside it, an MTL of the same stem; return what the user should know.
 
