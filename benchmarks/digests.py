@@ -1,7 +1,7 @@
 """Digests of everything that the commands write, to see whether a change of the code changes a result.
 
     python benchmarks/digests.py -o before.json          run all commands, keep a digest of each file
-    python benchmarks/digests.py --against before.json   run them again, and name each file that differs; exit 1 if any does
+    python benchmarks/digests.py --against before.json   run them again, name each file that differs
 
 Every run works in a folder of its own on meshes from `examples/`. A text is reduced to what stays the same between two
 equal runs: JSON loses `seconds` and the wording of warnings (their number stays), and no path depends on the machine.

@@ -10,7 +10,7 @@ import trimesh
 
 from aoprecalc.errors import UsageError
 from aoprecalc.visibility import setup as portions
-from aoprecalc.visibility.setup import FIT_CHUNK, texels_per_chunk
+from aoprecalc.visibility.setup import FIT_CHUNK, chunks, texels_per_chunk
 
 MEGABYTE = 1 << 20
 

@@ -36,7 +36,7 @@ def pieces(corners: Float64Array, longest: float) -> Float64Array:
 # Spheres that hold the whole surface, and the inside of a closed mesh, while they protrude little.
 #
 # They begin as those of `shadow`. The same descent goes on, with a pull on the nearest sphere from each point that none
-# holds, until hardly any is left outside. Then each small piece of the surface is given to its nearest sphere, and every
+# holds, until hardly any is left outside. Then each piece of the surface is given to its nearest sphere, and every
 # sphere grows until it holds its pieces' corners: as balls are convex it holds the pieces, and so together the spheres
 # hold every point of the surface, not of samples alone.
 

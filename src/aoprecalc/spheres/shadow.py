@@ -108,7 +108,7 @@ def medial_balls(
 
 # Spheres whose silhouettes are as close to a mesh's as their number allows: what soft shadows are cast by.
 #
-# Candidates are balls inside the surface, which suit solids, and balls about its points, which suit shells and bristles.
+# Candidates are balls inside the surface, which suit solids, and balls about its points, which suit shells.
 # Of them the greedy choice takes as many as are wanted; a descent moves and resizes them; then, again and again, those
 # that hardly anyone would miss move to where most is missing.
 

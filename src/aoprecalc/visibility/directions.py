@@ -43,7 +43,7 @@ def orthonormal_basis(units: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 # Directions of light, uniform on the sphere, as axes: a direction and its opposite share one rendering pass.
 #
-# Even sets follow the lattice of `surface.directions`, which in its own order sweeps from pole to equator; it is visited
+# Even sets follow the Fibonacci lattice, which in its own order sweeps from pole to equator; it is visited
 # with a stride that makes every run of GROUP axes an even set too.
 
 GROUP = 64  # axes that share a sub-texel offset; also the runs that are even by themselves

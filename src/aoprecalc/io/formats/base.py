@@ -25,7 +25,7 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
 
 
 def what_is_lost(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
-    """Return what the user should know of materials that are lost, and where the file's own UVs make room for others."""
+    """Return warnings: materials that the format cannot hold, and UVs of the file that are replaced."""
     kind = path.suffix.removeprefix(".").upper()
     materials = [part.material for part in scene.parts]
     lost: tuple[str, ...] = ()
