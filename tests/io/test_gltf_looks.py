@@ -56,7 +56,7 @@ def test_glass_and_unlit(gltf, material, glass, unlit):
 
 
 @pytest.mark.parametrize(
-    ("mode", "double", "leafy"), [("MASK", True, True), ("MASK", False, False), ("OPAQUE", True, False)]
+    ("mode", "double", "foliage"), [("MASK", True, True), ("MASK", False, False), ("OPAQUE", True, False)]
 )
 def test_double_sided_cut_outs_are_leafy(gltf, mode, double, foliage):
     assert look(gltf, {"alphaMode": mode, "doubleSided": double}).foliage == foliage
