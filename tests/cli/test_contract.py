@@ -197,7 +197,7 @@ def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_
     """No EGL device and no OSMesa: libraries are looked for where there are none."""
     program = (
         "import sys, moderngl\n"
-        "from aoprecalc.gl import osmesa\n"
+        "from aoprecalc.gl import context as osmesa\n"
         "def none(**given): raise Exception('eglInitialize failed (0x3001)')\n"
         "moderngl.create_context = none\n"
         "osmesa.LIBRARIES = ()\n"

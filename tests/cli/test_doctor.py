@@ -27,7 +27,7 @@ from shapes import ball, scene
 
 # Python runs it at the start of every process: no OpenGL context can be made.
 NO_OPENGL = (
-    "from aoprecalc.gl import osmesa\n"
+    "from aoprecalc.gl import context as osmesa\n"
     "osmesa.LIBRARIES = ()\n"
     "import moderngl\n"
     "def none(**given): raise Exception('eglInitialize failed (0x3001)')\n"
@@ -43,7 +43,7 @@ REPORT = {
 def run(folder, *words, start="", **variables):
     """Run `aoprecalc` as a shell would, with a program at the start of it and of all its children."""
     (folder / "sitecustomize.py").write_text(start)
-    environment = {**os.environ, "PYTHONPATH": str(folder), **variables}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]), **variables}
     words = [sys.executable, "-m", "aoprecalc", *words]
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
