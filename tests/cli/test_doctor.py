@@ -43,7 +43,11 @@ REPORT = {
 def run(folder, *words, start="", **variables):
     """Run `aoprecalc` as a shell would, with a program at the start of it and of all its children."""
     (folder / "sitecustomize.py").write_text(start)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]), **variables}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]),
+        **variables,
+    }
     words = [sys.executable, "-m", "aoprecalc", *words]
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
