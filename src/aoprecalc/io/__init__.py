@@ -1,5 +1,6 @@
 """Meshes, images and sphere sets on disk."""
 
+from aoprecalc.io.formats.builder import scene_from_arrays
 from aoprecalc.io.images import choose_depth, read_image, write_colors, write_image
 from aoprecalc.io.meshes import check_mesh_suffix, input_files, load_scene, mesh_suffix, source_files, write_baked_mesh
 from aoprecalc.io.occlusion import OcclusionPicture, find_occlusion
@@ -15,6 +16,7 @@ __all__ = [
     "load_scene",
     "mesh_suffix",
     "read_image",
+    "scene_from_arrays",
     "source_files",
     "write_baked_mesh",
     "write_colors",

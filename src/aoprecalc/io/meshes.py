@@ -86,7 +86,7 @@ def source_files(scene: Scene) -> list[Path]:
         return [scene.path, *scene.document.libraries, *material_files(scene.document.materials.values())]
     if isinstance(scene.document, PlyDocument) and scene.document.picture is not None:
         return [scene.path, scene.document.picture]
-    return [scene.path]
+    return [scene.path] if scene.kind else []
 
 
 def input_files(path: Path, data: bytes) -> list[Path]:
@@ -105,6 +105,8 @@ def mesh_suffix(scene: Scene, atlas: Atlas | None = None) -> tuple[str, str]:
 
     An OBJ stays one unless its set of UVs is needed by the pictures (map_Kd) of parts that receive, and for new UVs.
     """
+    if not scene.kind:  # from arrays
+        return ".glb", ""
     if scene.kind not in WRITERS:
         return ".glb", f"{scene.kind.upper()} holds no UVs, so the mesh becomes a GLB"
     if isinstance(scene.document, ObjDocument) and (atlas is None or atlas.uv_set is None):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.normals import face_normals
@@ -61,28 +61,37 @@ class Piece:
 
 
 def build_scene(
-    path: Path, kind: str, pieces: Sequence[Piece], document: object = None, warnings: Sequence[str] = ()
+    path: Path,
+    kind: str,
+    pieces: Sequence[Piece],
+    document: object = None,
+    warnings: Sequence[str] = (),
+    *,
+    label: str | None = None,
 ) -> Scene:
     """Check the pieces of a file, weld their equal positions and return them as a Scene.
+
+    label   what error messages begin with; None: the path
 
     Raises InputError if there are no faces, if none has area, if a face refers to a vertex that does not exist or if
     a position that is used is not finite.
     """
+    label = label or str(path)
     filled = [piece for piece in pieces if len(piece.vertices)]
     if not filled:
         points = sum(len(array) for array in {id(piece.positions): piece.positions for piece in pieces}.values())
         found = f"{points} points but no faces" if points else "no faces"
-        raise InputError(f"{path}: {found} found, a surface of triangles was expected; export the model as a mesh")
+        raise InputError(f"{label}: {found} found, a surface of triangles was expected; export the model as a mesh")
     for piece in filled:
         check_indices(path, piece.vertices, len(piece.positions))
 
     positions, faces = _weld(filled)
-    _check_positions(path, positions)
+    _check_positions(label, positions)
     said = list(warnings)
     normals_of_faces, has_area = face_normals(positions[faces])
     if not has_area.any():
         raise InputError(
-            f"{path}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
+            f"{label}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
         )
     if not has_area.all():
         said.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
@@ -100,6 +109,64 @@ def build_scene(
     )
 
 
+def scene_from_arrays(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    *,
+    normals: ArrayLike | None = None,
+    uvs: ArrayLike | None = None,
+    name: str = "mesh",
+) -> Scene:
+    """Make a checked Scene of one part from arrays, exactly as a file reader does: equal positions are welded.
+
+    vertices  (v, 3) finite numbers
+    faces     (f, 3) integers into vertices, f >= 1, counter-clockwise seen from the front
+    normals   (v, 3) at the vertices or (f, 3, 3) at the corners, of any length; NaN where there is none
+    uvs       (v, 2) at the vertices or (f, 3, 2) at the corners, v upwards; NaN where there are none
+    name      of the part, and of the scene where a path is shown
+
+    Scene.kind is empty, for no file was read. Raises InputError whose text begins with the names of the arguments.
+    """
+    positions = _array("vertices", vertices, np.float64)
+    triangles = _array("faces", faces, np.int64)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise InputError(f"vertices: has the shape {positions.shape}, (n, 3) was expected")
+    if triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise InputError(f"faces: has the shape {triangles.shape}, (n, 3) was expected; split polygons into triangles")
+    wrong = triangles[(triangles < 0) | (triangles >= len(positions))]
+    if wrong.size:
+        raise InputError(f"faces: refers to vertex {wrong[0]}, but there are {len(positions)} (counted from 0)")
+    at_corners = {
+        argument: _corner_values(argument, values, width, positions, triangles)
+        for argument, values, width in (("normals", normals, 3), ("uvs", uvs, 2))
+        if values is not None
+    }
+    uv_sets = (at_corners["uvs"],) if "uvs" in at_corners else ()
+    piece = Piece(name, positions, triangles, at_corners.get("normals"), uv_sets)
+    return build_scene(Path(name), "", [piece], label="vertices, faces")
+
+
+def _array(argument: str, values: ArrayLike, dtype: type) -> NDArray[Any]:
+    array = np.asarray(values)
+    kinds = "iu" if dtype is np.int64 else "iuf"
+    if array.size and array.dtype.kind not in kinds:
+        expected = "integers" if dtype is np.int64 else "real numbers"
+        raise InputError(f"{argument}: has the dtype {array.dtype}, {expected} were expected")
+    return array.astype(dtype)
+
+
+def _corner_values(
+    argument: str, values: ArrayLike, width: int, positions: Float64Array, triangles: NDArray[np.int64]
+) -> Float64Array:
+    """Return (f, 3, width) values at the corners from values at vertices or corners."""
+    array = _array(argument, values, np.float64)
+    shapes = (len(positions), width), (len(triangles), 3, width)
+    if array.shape not in shapes:
+        expected = f"{shapes[0]} at the vertices or {shapes[1]} at the corners of the faces"
+        raise InputError(f"{argument}: has the shape {array.shape}, {expected} was expected")
+    return array if array.ndim == 3 else array[triangles]
+
+
 def _weld(pieces: Sequence[Piece]) -> tuple[Float64Array, NDArray[np.intp]]:
     """Return (v, 3) distinct used positions and (f, 3) faces into them."""
     used_positions, corners, offset = [], [], 0
@@ -113,18 +180,18 @@ def _weld(pieces: Sequence[Piece]) -> tuple[Float64Array, NDArray[np.intp]]:
     return positions[first] + 0.0, which[np.concatenate(corners)]  # + 0.0 turns -0.0 into 0.0
 
 
-def _check_positions(path: Path, positions: Float64Array) -> None:
+def _check_positions(label: str, positions: Float64Array) -> None:
     wrong = ~(np.abs(positions) <= LARGEST_COORDINATE).all(axis=1)
     if not wrong.any():
         extent = np.ptp(positions, axis=0).max()
         if 0 < extent < LEAST_EXTENT:
             raise InputError(
-                f"{path}: is {extent:g} units across, at least {LEAST_EXTENT:g} were expected; scale it up"
+                f"{label}: is {extent:g} units across, at least {LEAST_EXTENT:g} were expected; scale it up"
             )
         return
     example = ", ".join(f"{number:g}" for number in positions[wrong][0])
     raise InputError(
-        f"{path}: {np.count_nonzero(wrong)} of {len(positions)} positions are not finite numbers of a usable size, "
+        f"{label}: {np.count_nonzero(wrong)} of {len(positions)} positions are not finite numbers of a usable size, "
         f"such as ({example}); repair or export the model again"
     )
 

@@ -20,9 +20,9 @@ def primitive(maker, material, **attributes):
     return {"attributes": {"POSITION": maker.accessor(TRIANGLE), **given}, "material": len(materials) - 1}
 
 
-def look(maker, material, **attributes):
+def material_of(maker, material, **attributes):
     maker.node(mesh=maker.mesh(primitive(maker, material, **attributes)))
-    return maker.load().parts[-1].look
+    return maker.load().parts[-1].material
 
 
 @pytest.fixture
@@ -51,20 +51,20 @@ def picture(gltf, tmp_path):
     ids=str,
 )
 def test_glass_and_unlit(gltf, material, glass, unlit):
-    found = look(gltf, material)
+    found = material_of(gltf, material)
     assert (found.transparent, found.unlit, found.foliage, found.alpha_mask) == (glass, unlit, False, None)
 
 
 @pytest.mark.parametrize(
     ("mode", "double", "foliage"), [("MASK", True, True), ("MASK", False, False), ("OPAQUE", True, False)]
 )
-def test_double_sided_cut_outs_are_leafy(gltf, mode, double, foliage):
-    assert look(gltf, {"alphaMode": mode, "doubleSided": double}).foliage == foliage
+def test_double_sided_cut_outs_are_foliage(gltf, mode, double, foliage):
+    assert material_of(gltf, {"alphaMode": mode, "doubleSided": double}).foliage == foliage
 
 
 def test_a_primitive_without_material_is_plain(gltf):
     gltf.node(mesh=gltf.mesh({"attributes": {"POSITION": gltf.accessor(TRIANGLE)}}))
-    found = gltf.load().parts[0].look
+    found = gltf.load().parts[0].material
     assert (found.transparent, found.unlit, found.alpha_mask) == (False, False, None)
 
 
@@ -78,7 +78,7 @@ def test_holes_come_from_picture_factor_and_vertex_colour(gltf, picture):
     built = primitive(gltf, material, TEXCOORD_0=uvs)
     built["attributes"]["COLOR_0"] = color_index
     gltf.node(mesh=gltf.mesh(built))
-    alpha_mask = gltf.load().parts[0].look.alpha_mask
+    alpha_mask = gltf.load().parts[0].material.alpha_mask
     assert alpha_mask.alpha == pytest.approx(np.array([[0, 64], [128, 255]]) / 255)
     assert alpha_mask.uvs[0].tolist() == [[0, 1], [1, 1], [0, -1]]
     assert alpha_mask.factors[0] == pytest.approx([0.5, 0.1, 0])
@@ -90,7 +90,7 @@ def test_a_texture_transform_moves_the_holes(gltf, picture):
     uvs = np.array([[0, 0], [1, 0], [0, 1]], dtype="<f4")
     transform = {"scale": [2, 3], "rotation": np.pi / 2, "offset": [0.5, 0.25], "texCoord": 1}
     info = {"index": picture, "texCoord": 0, "extensions": {"KHR_texture_transform": transform}}
-    found = look(
+    found = material_of(
         gltf,
         {"alphaMode": "MASK", "pbrMetallicRoughness": {"baseColorTexture": info}},
         TEXCOORD_0=uvs + 5,
@@ -121,7 +121,7 @@ def test_a_mirrored_part_has_its_holes_where_its_corners_are(gltf, picture):
     built = primitive(gltf, {"alphaMode": "MASK", "pbrMetallicRoughness": color}, TEXCOORD_0=uvs)
     gltf.node(mesh=gltf.mesh(built), scale=[-1, 1, 1])
     scene = gltf.load()
-    assert np.array_equal(scene.parts[0].look.alpha_mask.uvs, scene.uvs)
+    assert np.array_equal(scene.parts[0].material.alpha_mask.uvs, scene.uvs)
     assert (scene.corners[0] * (-1, 1, 1)).tolist() == TRIANGLE[[0, 2, 1]].tolist()
 
 
