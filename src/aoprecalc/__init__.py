@@ -37,6 +37,7 @@ _HOMES = {
     "SphereSet": "types",
     "load_scene": "io",
     "AoprecalcError": "errors",
+    "ArgumentError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
     "RendererError": "errors",

@@ -1,46 +1,75 @@
-"""The ways a job can fail, each with the exit code that the command line gives it.
+"""The errors of this package, each with the exit code of the command line.
 
 A message is one line: what was found, what was expected, what to do.
 """
 
+from collections.abc import Callable
+
 
 class AoprecalcError(Exception):
-    """The work failed; the base of every error this package raises on purpose."""
+    """Base class of all errors that this package raises on purpose: the work failed (exit code 1)."""
 
     exit_code = 1
 
 
 class OutputError(AoprecalcError):
-    """A result could not be written (exit code 1)."""
+    """An output file cannot be written (exit code 1)."""
 
 
 class AnswerError(AoprecalcError):
-    """The work was done, and its answer is no; what was written stays (exit code 1)."""
+    """A check is done and did not pass; its outputs stay (exit code 1)."""
 
 
 class KilledError(AoprecalcError):
-    """A process that did part of the work was killed, perhaps for want of memory (exit code 1)."""
+    """A child process was killed, perhaps because memory ran out (exit code 1)."""
 
 
 class StoppedError(AoprecalcError):
-    """The user has stopped the work; what was finished stays (exit code 130)."""
+    """The user interrupted the work; finished results stay (exit code 130)."""
 
     exit_code = 130
 
 
 class UsageError(AoprecalcError):
-    """An option has a value that cannot be used (exit code 2)."""
+    """The command, or a combination of arguments, makes no sense (exit code 2)."""
 
     exit_code = 2
 
 
+class ArgumentError(UsageError):
+    """A Python argument or an option has a wrong value (exit code 2).
+
+    `ArgumentError("padding", "is -1; expected a whole number from 0 to 256")` reads "padding is -1; expected ...".
+    The command line names the option instead of the argument, a manifest names the key; see `worded`.
+
+    argument   name of the Python argument
+    problem    rest of the sentence: what was found, what was expected, what to do
+    others     names of further arguments, which `problem` mentions as {name}
+    """
+
+    def __init__(self, argument: str, problem: str, *others: str) -> None:
+        """Keep the parts of the message."""
+        super().__init__(argument, problem, *others)
+        self.argument, self.problem, self.others = argument, problem, others
+
+    def __str__(self) -> str:
+        return self.worded(str)
+
+    def worded(self, name: Callable[[str], str]) -> str:
+        """Return the message with each argument called by `name(argument)`."""
+        problem = self.problem
+        for other in self.others:
+            problem = problem.replace(f"{{{other}}}", name(other))
+        return f"{name(self.argument)} {problem}"
+
+
 class RendererError(AoprecalcError):
-    """No way to render was found on this machine (exit code 3)."""
+    """This machine has no working renderer (exit code 3)."""
 
     exit_code = 3
 
 
 class InputError(AoprecalcError):
-    """The input mesh is missing, unreadable or has nothing to work on (exit code 4)."""
+    """The input mesh is missing, unreadable or empty (exit code 4)."""
 
     exit_code = 4

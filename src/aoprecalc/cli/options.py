@@ -16,6 +16,11 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 Value = TypeVar("Value")
 
 
+def option_name(argument: str) -> str:
+    """Return the option of the command line that stands for a Python argument."""
+    return f"--{argument.replace('_', '-')}"
+
+
 def option(*names: str, of: type, field: str, help: str) -> Callable[[Command], Command]:
     """Return a click option for one field of an options class, with its default and its choices or range."""
     default = next(entry.default for entry in fields(of) if entry.name == field)
