@@ -64,7 +64,7 @@ class ArgumentError(UsageError):
 
 
 class RendererError(AoprecalcError):
-    """This machine has no working renderer (exit code 3)."""
+    """No renderer works on the machine (exit code 3)."""
 
     exit_code = 3
 
