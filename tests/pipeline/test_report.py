@@ -8,18 +8,18 @@ import pytest
 
 from aoprecalc import __version__
 from aoprecalc.io.outputs import report_text
-from aoprecalc.pipeline.jobs import Asset, Failure, Order
-from aoprecalc.pipeline.report import Result, batch_report, junit
+from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
+from aoprecalc.pipeline.report import AssetResult, batch_report, junit
 from pipeline.helpers import BAKE, SPHERES
 
 ODD = "ä 日本 <&>\"' \x00\x07\x1b[31m\r\n\t\ud800\ufffe]]> --"
-ORDER = Order(BAKE, SPHERES)
+ORDER = JobSpec(BAKE, SPHERES)
 
 
 def result(name, status, failure=None, warnings=()):
     summary = {"triangles": 2, "warnings": list(warnings)} if failure is None and status != "stopped" else None
     outputs = (f"{name.rpartition('/')[2]}_ao.png",) if summary else ()
-    return Result(Asset(name, Path(f"in/{name}.obj"), ORDER), status, outputs, summary, failure, seconds=1.23456)
+    return AssetResult(Asset(name, Path(f"in/{name}.obj"), ORDER), status, outputs, summary, failure, seconds=1.23456)
 
 
 RESULTS = [

@@ -90,16 +90,16 @@ def batch(
     from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.io import Outputs
     from aoprecalc.io.outputs import claim, report_text, write_report
-    from aoprecalc.pipeline import default_cache, plan, read_order, run
+    from aoprecalc.pipeline import default_cache, plan_batch, read_job_spec, run_batch
     from aoprecalc.pipeline.report import junit as junit_text
 
     options = BatchOptions(**given)
     if no_cache and cache is not None:
         raise UsageError("--cache and --no-cache were given; omit one of them")
-    order = None
+    spec = None
     if bake or spheres:
-        order = read_order(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
-    planned = plan(patterns, output, order)
+        spec = read_job_spec(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
+    planned = plan_batch(patterns, output, spec)
     wanted = {"report": (report, ".json"), "junit": (junit, ".xml")}
     places = {name: _place(name, path, suffix) for name, (path, suffix) in wanted.items() if path is not None}
     with Outputs() as outputs:
@@ -107,8 +107,8 @@ def batch(
         outputs.folder(planned.output)
         for name, place in places.items():
             claim(outputs, wanted[name][0], place)
-        with BatchTable(quiet=quiet, verbose=verbose) as watcher:
-            result = run(planned, None if no_cache else cache or default_cache(), options, watcher)
+        with BatchTable(quiet=quiet, verbose=verbose) as progress:
+            result = run_batch(planned, None if no_cache else cache or default_cache(), options, progress)
         if "report" in places:
             write_report(outputs.path(places["report"]), result.report)
         if "junit" in places:

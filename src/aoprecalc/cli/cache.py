@@ -10,7 +10,7 @@ from aoprecalc.errors import UsageError
 from aoprecalc.quantities import read_days, say_bytes
 
 if TYPE_CHECKING:
-    from aoprecalc.pipeline.cache import Usage
+    from aoprecalc.pipeline.cache import CacheUsage
 
 _folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
 
@@ -56,7 +56,7 @@ def prune(
     _say(folder, "removed", removed, as_json)
 
 
-def _say(folder: Path, verb: str, usage: "Usage", as_json: bool) -> None:
+def _say(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
     if as_json:
         from aoprecalc.io.outputs import report_text
 
