@@ -17,9 +17,8 @@ from aoprecalc.pipeline.state import FileStamp, InputFiles, result_key, spec_key
 from gltf_kit.gltf_documents import DOCUMENTS, STACKED, corner, pictured
 from gltf_kit.gltf_maker import GltfMaker, png
 from pipeline.helpers import write_ring
-from shapes import box
+from shapes import MESHES, box
 
-MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
 FILES = sorted(file for file in MESHES.rglob("*") if file.suffix.lower().removeprefix(".") in READERS)
 BOTH = JobSpec(BakeOptions(), SphereOptions())
 
@@ -128,7 +127,7 @@ def test_the_files_of_others_are_known_without_their_meshes(make, tmp_path):
     assert set(input_files(mesh, mesh.read_bytes())) == set(source_files(load_scene(mesh)))
 
 
-@pytest.mark.skipif(not FILES, reason="the folder shared/meshes is not beside the repository")
+@pytest.mark.corpus
 @pytest.mark.parametrize("mesh", FILES or [MESHES], ids=lambda mesh: mesh.relative_to(MESHES).as_posix())
 def test_the_files_of_real_meshes_are_known_without_them(mesh):
     known = input_files(mesh, mesh.read_bytes())

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-import aoprecalc
+from aoprecalc import __version__
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
 from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
 from aoprecalc.pipeline.workers import WorkerProcess
@@ -70,7 +70,7 @@ def worker_info(folder: str, dask_worker: Any = None) -> WorkerInfo:
     """Return what a worker, which the cluster hands over, is like; `folder` is to be seen from it."""
     resources = dask_worker.state.total_resources
     return WorkerInfo(
-        version=aoprecalc.__version__,
+        version=__version__,
         host=socket.gethostname(),
         cores=whole_cores(),
         gpus=resources.get("GPU", 0),
@@ -120,8 +120,8 @@ def end(batch: str) -> None:
 def _ask(request: Job | VisibilityTask, terms: BatchSettings) -> Any:
     """Have this thread's process of a batch do what is asked."""
     party = _batches.setdefault(terms.batch, _BatchProcesses())
-    if terms.version != aoprecalc.__version__:
-        here = f"{socket.gethostname()} has aoprecalc {aoprecalc.__version__}"
+    if terms.version != __version__:
+        here = f"{socket.gethostname()} has aoprecalc {__version__}"
         return Failure("error", f"{request.shown}: {here}, {terms.version} was expected; install the same everywhere")
     if party.stop.is_set():
         return Failure("stopped", f"{request.shown}: was stopped")
