@@ -9,8 +9,6 @@ from scipy.spatial import ConvexHull
 from aoprecalc.types import Part, Scene
 
 MESHES = Path(__file__).parents[2] / "shared" / "meshes"  # beside the repository, for tests marked `corpus`
-    Path(__file__).parents[2] / "shared" / "meshes"
-)  # real ones, beside the repository; tests marked `corpus` use them
 
 
 def scene(positions, faces, uvs=None, normals=None) -> Scene:
