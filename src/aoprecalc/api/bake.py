@@ -26,7 +26,7 @@ from aoprecalc.io import (
 from aoprecalc.io.outputs import claim, output_place, write_report
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.roles import assign_roles
-from aoprecalc.metrics.errors import Verified
+from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress, Stopwatch
 from aoprecalc.raster.padding import finish, lighter, paint
@@ -208,7 +208,7 @@ def _unseen(sides: list[TexelVisibility], size: int) -> float:
 
 def _verified(
     baked: Baked, picture: Float32Array, options: BakeOptions, progress: Progress, watch: Stopwatch
-) -> Verified:
+) -> TextureErrors:
     """Measure the picture that a bake has written."""
     asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
     with watch.stage("verify", asked.points, "points"):

@@ -18,8 +18,8 @@ from aoprecalc.io.outputs import claim, output_place, read_document, write_repor
 from aoprecalc.io.sphere_files.files import read_levels
 from aoprecalc.metrics import (
     Answer,
+    ComparedMesh,
     Difference,
-    Surface,
     document_difference,
     mesh_difference,
     picture_difference,
@@ -161,10 +161,10 @@ def _read_mesh(path: Path) -> _Read:
     try:
         found = find_occlusion(scene)
     except NoOcclusionError:
-        surface = Surface(scene.corners, scene.normals, scene.uv_sets)
+        surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets)
         return _Read(surface, tuple(source_files(scene)), scene.warnings)
     lies = np.where(found.shown[:, None, None], found.uvs, np.nan)
-    surface = Surface(scene.corners, scene.normals, scene.uv_sets, found.values[:, :, None], lies)
+    surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, found.values[:, :, None], lies)
     files = [*source_files(scene), *([] if found.path is None else [found.path])]
     return _Read(surface, tuple(files), (*scene.warnings, *found.warnings))
 

@@ -9,7 +9,7 @@ import numpy as np
 from aoprecalc import __version__
 from aoprecalc.io import OcclusionPicture
 from aoprecalc.mesh.topology import topology
-from aoprecalc.metrics.errors import Errors, Place, Verified
+from aoprecalc.metrics.errors import ErrorStatistics, TextureErrors, WorstPoint
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
 from aoprecalc.uv.gutter import first_unsafe_mip
@@ -21,7 +21,7 @@ def verify_report(
     scene: Scene,
     atlas: Atlas,
     found: OcclusionPicture,
-    verified: Verified,
+    verified: TextureErrors,
     options: VerifyOptions,
     places: dict[str, Path],
     seconds: dict[str, float],
@@ -53,7 +53,7 @@ def verify_report(
     }
 
 
-def verified_report(verified: Verified) -> dict[str, Any]:
+def verified_report(verified: TextureErrors) -> dict[str, Any]:
     """Return what was measured, for a report of any job."""
     return {
         "points": verified.points,
@@ -63,11 +63,11 @@ def verified_report(verified: Verified) -> dict[str, Any]:
     }
 
 
-def _errors(level: int, errors: Errors) -> dict[str, Any]:
+def _errors(level: int, errors: ErrorStatistics) -> dict[str, Any]:
     return {"level": level, **{name: round(value, 6) for name, value in asdict(errors).items()}}
 
 
-def _place(place: Place) -> dict[str, Any]:
+def _place(place: WorstPoint) -> dict[str, Any]:
     return {
         "position": list(place.position),
         "uv": [round(number, 6) for number in place.uv],
@@ -87,7 +87,7 @@ def bake_report(
     options: BakeOptions,
     places: dict[str, Path],
     files: list[Path],
-    verified: Verified | None,
+    verified: TextureErrors | None,
     seconds: dict[str, float],
     warnings: tuple[str, ...],
 ) -> dict[str, Any]:

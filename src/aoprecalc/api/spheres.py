@@ -13,7 +13,7 @@ from aoprecalc.io.outputs import claim, output_place
 from aoprecalc.io.sphere_files import check_kind, quality_document, read_spheres, sphere_document, write_sphere_set
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import Quality, fit, measure
+from aoprecalc.spheres import Quality, fit_sphere_set, measure_quality
 from aoprecalc.types import SphereSet
 
 
@@ -61,7 +61,7 @@ def fit_spheres(
         with progress.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        spheres, quality = fit(scene, options, progress)
+        spheres, quality = fit_sphere_set(scene, options, progress)
         write_sphere_set(outputs.path(path), spheres, quality, scene)
     for line in scene.warnings:
         progress.warn(line)
@@ -84,7 +84,7 @@ def measure_spheres(
     with progress.stage("load"):
         scene = load_scene(Path(mesh))
     with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
-        quality = measure(scene, centers, radii, options, progress)
+        quality = measure_quality(scene, centers, radii, options, progress)
     for line in scene.warnings:
         progress.warn(line)
     if not np.isfinite(list(quality.values())).all():

@@ -14,13 +14,13 @@ from aoprecalc.io.outputs import claim, output_place, write_report
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.sampling import spread_points
-from aoprecalc.metrics.errors import Verified, errors_at_levels, worst_places
-from aoprecalc.metrics.reference import rays_used, reference
+from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
+from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress, Stopwatch
 from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
 from aoprecalc.raster.layout import as_atlas, lay_out
-from aoprecalc.render.comparison import heat_map_size, paint
+from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
 
@@ -29,7 +29,7 @@ from aoprecalc.types import Atlas, Float32Array, Scene
 class VerifyResult:
     """What was measured, whether it is within the tolerance, and the report (see the README for its keys)."""
 
-    verified: Verified
+    verified: TextureErrors
     passed: bool
     report: dict[str, Any]
 
@@ -83,7 +83,7 @@ def verify(
 
 def verify_scene(
     scene: Scene, atlas: Atlas, normals: Float32Array, picture: Float32Array, options: VerifyOptions, progress: Progress
-) -> Verified:
+) -> TextureErrors:
     """Measure a picture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
     scene     with the roles of its parts; see `assign_roles`
@@ -92,14 +92,14 @@ def verify_scene(
     Raises RendererError where rays cannot be cast.
     """
     points = spread_points(scene, atlas.mapped, options.points, options.seed)
-    truth = reference(scene, normals, points, options, progress)
+    truth = reference_ao(scene, normals, points, options, progress)
     places, at = points.at(atlas.uvs), points.at(scene.corners)
     values = bilinear(picture, places, repeats=atlas.wraps)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))
-    return Verified(
-        levels=errors_at_levels(picture, places, truth, repeats=atlas.wraps),
-        worst=worst_places(at, places, values, truth, diagonal),
-        rays=rays_used(options.rays),
+    return TextureErrors(
+        levels=errors_per_mip_level(picture, places, truth, repeats=atlas.wraps),
+        worst=worst_points(at, places, values, truth, diagonal),
+        rays=stratified_ray_count(options.rays),
         uvs=places,
         errors=values - truth,
     )
@@ -123,10 +123,10 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
     return as_atlas(scene, found.uvs, mapped), said
 
 
-def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPicture, verified: Verified) -> None:
+def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPicture, verified: TextureErrors) -> None:
     height, width = found.values.shape
     texels = ScanlineRaster(lay_out(scene, atlas, *heat_map_size(width, height))).coverage()
-    write_colors(path, paint(texels, verified.uvs, verified.errors, repeats=atlas.wraps))
+    write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=atlas.wraps))
 
 
 def about_sharing(scene: Scene) -> tuple[str, ...]:
@@ -138,7 +138,7 @@ def about_sharing(scene: Scene) -> tuple[str, ...]:
 
 
 def _about_rays(options: VerifyOptions) -> list[str]:
-    rays = rays_used(options.rays)
+    rays = stratified_ray_count(options.rays)
     if rays == options.rays:
         return []
     return [f"{rays} rays a point were cast, as they stand in a square grid; {options.rays} were asked for"]
