@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io import input_files, load_scene
-from aoprecalc.io.meshes import READERS, source_files
+from aoprecalc.io import MESH_EXTENSIONS, input_files, load_scene
+from aoprecalc.io.meshes import source_files
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline import state as inputs
 from aoprecalc.pipeline.jobs import Asset, JobSpec
@@ -19,7 +19,7 @@ from gltf_kit.gltf_maker import GltfMaker, png
 from pipeline.helpers import write_ring
 from shapes import MESHES, box
 
-FILES = sorted(file for file in MESHES.rglob("*") if file.suffix.lower().removeprefix(".") in READERS)
+FILES = sorted(file for file in MESHES.rglob("*") if file.suffix.lower() in MESH_EXTENSIONS)
 BOTH = JobSpec(BakeOptions(), SphereOptions())
 
 

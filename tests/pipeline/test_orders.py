@@ -10,9 +10,11 @@ import pytest
 from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import UsageError
+from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 from aoprecalc.options import RANGES, BakeOptions, SphereOptions
 from aoprecalc.pipeline.jobs import Asset
-from aoprecalc.pipeline.option_tables import MESHES, SPHERE_SETS, TEXTURES, JobSpec, as_words, read_job_spec
+from aoprecalc.pipeline.option_tables import JobSpec, as_words, read_job_spec
 from aoprecalc.pipeline.report import AssetResult, commands
 from pipeline.helpers import BAKE, SPHERES, said
 
@@ -81,11 +83,11 @@ def test_a_size_is_one_number_or_two(written, size):
 
 
 def test_kinds_of_files_are_said_too():
-    for texture in TEXTURES:
+    for texture in IMAGE_EXTENSIONS:
         assert read_job_spec({"texture": texture}, None).texture_suffix == texture
-    for mesh in MESHES:
+    for mesh in ("", *OUTPUT_MESH_EXTENSIONS):
         assert read_job_spec({"mesh": mesh}, None).mesh_suffix == mesh
-    for kind in SPHERE_SETS:
+    for kind in SPHERE_EXTENSIONS:
         assert read_job_spec(None, {"format": kind}).spheres_suffix == kind
     assert read_job_spec({"verify": True}, None).verify
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from aoprecalc import __version__
-from aoprecalc.io.outputs import report_text
+from aoprecalc.io.outputs import json_text
 from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
 from aoprecalc.pipeline.report import AssetResult, batch_report, junit
 from pipeline.helpers import BAKE, SPHERES
@@ -34,7 +34,7 @@ RESULTS = [
 
 def test_the_report_counts_and_has_every_field():
     report = batch_report(RESULTS, Path("out"), 12.3456)
-    assert report == json.loads(report_text(report))
+    assert report == json.loads(json_text(report))
     assert {key: value for key, value in report.items() if key != "assets"} == {
         "schema": 1,
         "version": __version__,
@@ -62,7 +62,7 @@ def test_the_report_counts_and_has_every_field():
 
 
 def test_names_that_are_no_text_leave_the_report_legible():
-    text = report_text(batch_report([result("b\udcff", "made", warnings=["b\udcff is small"])], Path("out\udcff"), 0.0))
+    text = json_text(batch_report([result("b\udcff", "made", warnings=["b\udcff is small"])], Path("out\udcff"), 0.0))
     report = json.loads(text.encode())
     (asset,) = report["assets"]
     assert (report["output"], asset["name"], asset["path"]) == ("out?", "b?", "in/b?.obj")

@@ -7,20 +7,19 @@ from typing import Any
 import numpy as np
 
 from aoprecalc import __version__
-from aoprecalc.io import OcclusionPicture
+from aoprecalc.io import OcclusionTexture
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.mesh.topology import topology
 from aoprecalc.metrics.errors import ErrorStatistics, TextureErrors, WorstPoint
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
 from aoprecalc.uv.gutter import first_unsafe_mip
 
-VERIFY_SCHEMA = 1
-
 
 def verify_report(
     scene: Scene,
     atlas: Atlas,
-    found: OcclusionPicture,
+    found: OcclusionTexture,
     verified: TextureErrors,
     options: VerifyOptions,
     places: dict[str, Path],
@@ -30,7 +29,7 @@ def verify_report(
     """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
     height, width = found.values.shape
     return {
-        "schema": VERIFY_SCHEMA,
+        "schema": SCHEMAS["verify"],
         "version": __version__,
         "input": {"path": str(scene.path), "triangles": len(scene.faces)},
         "texture": {
@@ -79,8 +78,6 @@ def _place(place: WorstPoint) -> dict[str, Any]:
 
 # The report of a bake: what was read, chosen and measured, as one JSON document.
 
-BAKE_SCHEMA = 1
-
 
 def bake_report(
     baked: Baked,
@@ -96,7 +93,7 @@ def bake_report(
     shape = topology(scene.faces)
     values = texture.values[texture.valid]
     return {
-        "schema": BAKE_SCHEMA,
+        "schema": SCHEMAS["bake"],
         "version": __version__,
         "input": {
             "path": str(scene.path),

@@ -9,8 +9,16 @@ import numpy as np
 
 from aoprecalc.api.reports import verify_report
 from aoprecalc.errors import InputError
-from aoprecalc.io import OcclusionPicture, Outputs, choose_depth, find_occlusion, load_scene, source_files, write_colors
-from aoprecalc.io.outputs import claim, output_place, write_report
+from aoprecalc.io import (
+    OcclusionTexture,
+    Outputs,
+    choose_bit_depth,
+    find_occlusion,
+    load_scene,
+    source_files,
+    write_colors,
+)
+from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.sampling import spread_points
@@ -55,16 +63,16 @@ def verify(
     mesh = Path(mesh)
     watch = Stopwatch(progress)
     wanted = {"heat_map": (heat_map, f"{mesh.stem}_heat_map.png"), "report": (report, f"{mesh.stem}_verify.json")}
-    places = {name: output_place(path, default) for name, (path, default) in wanted.items() if path is not None}
+    places = {name: output_path(path, default) for name, (path, default) in wanted.items() if path is not None}
     if "heat_map" in places:
-        choose_depth(places["heat_map"], "8")
+        choose_bit_depth(places["heat_map"], "8")
     with Outputs() as outputs:
         with watch.stage("load"):
             scene = assign_roles(load_scene(mesh), options)
             found = find_occlusion(scene, None if texture is None else Path(texture))
         outputs.protect([*source_files(scene), *([] if found.path is None else [found.path])])
         for name, place in places.items():
-            claim(outputs, wanted[name][0], place)
+            claim_output(outputs, wanted[name][0], place)
         atlas, left_out = _atlas(scene, found)
         normals = shading_normals(scene, options.normals, options.crease_angle)
         with watch.stage("rays", options.points, "points"):
@@ -75,7 +83,7 @@ def verify(
         warnings = (*scene.warnings, *found.warnings, *left_out, *_about_rays(options), *about_sharing(scene))
         document = verify_report(scene, atlas, found, verified, options, places, watch.seconds(), warnings)
         if "report" in places:
-            write_report(outputs.path(places["report"]), document)
+            write_json(outputs.path(places["report"]), document)
     for line in warnings:
         progress.warn(line)
     return VerifyResult(verified, document["passed"], document)
@@ -105,7 +113,7 @@ def verify_scene(
     )
 
 
-def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
+def _atlas(scene: Scene, found: OcclusionTexture) -> tuple[Atlas, list[str]]:
     """Return the UVs with the faces that they place in the picture, and what the user should know about the others.
 
     A face whose corners share one UV has no place: it stands for UVs that are missing.
@@ -123,7 +131,7 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
     return as_atlas(scene, found.uvs, mapped), said
 
 
-def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPicture, verified: TextureErrors) -> None:
+def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionTexture, verified: TextureErrors) -> None:
     height, width = found.values.shape
     texels = ScanlineRaster(lay_out(scene, atlas, *heat_map_size(width, height))).coverage()
     write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=atlas.wraps))

@@ -58,10 +58,14 @@ def prune(
 
 def _say(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
     if as_json:
-        from aoprecalc.io.outputs import report_text
+        from aoprecalc.io.outputs import SCHEMAS, json_text
 
-        document = {"schema": 1, "folder": str(folder), verb: {"results": usage.entries, "bytes": usage.bytes}}
-        click.echo(report_text(document), nl=False)
+        document = {
+            "schema": SCHEMAS["cache"],
+            "folder": str(folder),
+            verb: {"results": usage.entries, "bytes": usage.bytes},
+        }
+        click.echo(json_text(document), nl=False)
         return
     results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
     click.echo(f"{folder}  {verb} {results}, {say_bytes(usage.bytes)}")

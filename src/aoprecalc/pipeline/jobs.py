@@ -12,7 +12,7 @@ from aoprecalc.api.bake import bake
 from aoprecalc.api.spheres import fit_spheres
 from aoprecalc.errors import AoprecalcError, KilledError
 from aoprecalc.io import Outputs
-from aoprecalc.io.outputs import write_report
+from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
@@ -197,7 +197,7 @@ def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> S
                 progress=heard,
             )
             report = _relative(job, baked.report)
-            write_report(outputs.path(folder / f"{job.stem}_report.json"), report)
+            write_json(outputs.path(folder / f"{job.stem}_report.json"), report)
             summary |= _of_bake(report)
         if spec.spheres is not None:
             fitted = fit_spheres(

@@ -5,6 +5,8 @@ from dataclasses import fields
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from aoprecalc.errors import UsageError
+from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline.jobs import JobSpec
 from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read_size
@@ -12,9 +14,7 @@ from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read
 Table = Mapping[str, Any]
 Options = TypeVar("Options", BakeOptions, SphereOptions)
 
-TEXTURES, MESHES = (".png", ".exr", ".tif", ".tiff", ".jpg", ".tga", ".bmp"), ("", ".obj", ".ply", ".gltf", ".glb")
 COUNTS = frozenset({"spheres", "tolerance", "levels"})  # each says how many spheres, in place of the others
-SPHERE_SETS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
 
 
 def read_job_spec(bake: Table | None, spheres: Table | None) -> JobSpec:
@@ -31,14 +31,14 @@ def read_job_spec(bake: Table | None, spheres: Table | None) -> JobSpec:
         rest = plain_keys(bake)
         size = dict(zip(("width", "height"), _size(rest.pop("size")), strict=True)) if "size" in rest else {}
         made["verify"] = _typed("verify", rest.pop("verify", False), bool)
-        made["texture_suffix"] = _extension("texture", rest.pop("texture", ".png"), TEXTURES)
-        made["mesh_suffix"] = _extension("mesh", rest.pop("mesh", ""), MESHES)
+        made["texture_suffix"] = _extension("texture", rest.pop("texture", ".png"), IMAGE_EXTENSIONS)
+        made["mesh_suffix"] = _extension("mesh", rest.pop("mesh", ""), ("", *OUTPUT_MESH_EXTENSIONS))
         made["bake"] = _options(BakeOptions, rest, ("size", "texture", "mesh", "verify"), **size)
     if spheres is not None:
         rest = plain_keys(spheres)
         if len(counts := sorted(COUNTS & rest.keys())) > 1:
             raise UsageError(f"{' and '.join(counts)} both say how many spheres; use one of them")
-        made["spheres_suffix"] = _extension("format", rest.pop("format", ".json"), SPHERE_SETS)
+        made["spheres_suffix"] = _extension("format", rest.pop("format", ".json"), SPHERE_EXTENSIONS)
         made["spheres"] = _options(SphereOptions, rest, ("format",))
     return JobSpec(**made)
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 
 from aoprecalc import __version__
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
 from aoprecalc.pipeline.option_tables import as_words
 
@@ -57,14 +58,12 @@ class BatchProgress:
 
 # The report of a batch, as one JSON document, and as a JUnit file.
 
-SCHEMA = 1
-
 
 def batch_report(results: Sequence[AssetResult], output: Path, seconds: float) -> dict[str, Any]:
     """Return the report; every value is a plain JSON value."""
     counts = Counter(result.status for result in results)
     report = {
-        "schema": SCHEMA,
+        "schema": SCHEMAS["batch"],
         "version": __version__,
         "output": str(output),
         "counts": {name: counts[name] for name in ("made", "unchanged", "cached", "failed", "stopped")},

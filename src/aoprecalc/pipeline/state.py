@@ -18,6 +18,7 @@ from typing import Any, Self
 from aoprecalc import __version__
 from aoprecalc.errors import OutputError
 from aoprecalc.io import input_files
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline.jobs import Asset
 
@@ -149,7 +150,6 @@ def _way(path: Path, mesh: Path) -> str:
 # `<output>/.aoprecalc` holds a record for each asset, what is being written (`staging`), and a lock. It may be deleted:
 # then everything is made again, or taken from the cache.
 
-SCHEMA = 2
 STATE_FOLDER = ".aoprecalc"
 
 _SUFFIX = ".asset.json"  # as no folder is called that assets lie in
@@ -215,7 +215,7 @@ class StateFolder:
         file.parent.mkdir(parents=True, exist_ok=True)
         written = self.staging / f"record-{os.getpid()}"
         document = {
-            "schema": SCHEMA,
+            "schema": SCHEMAS["batch record"],
             "order": record.spec_key,
             "inputs": asdict(record.inputs),
             "outputs": {file: asdict(stamp) for file, stamp in record.outputs.items()},
@@ -268,7 +268,7 @@ class StateFolder:
 def _read(file: Path) -> AssetRecord | None:
     try:
         document = json.loads(file.read_bytes())
-        if document["schema"] != SCHEMA:
+        if document["schema"] != SCHEMAS["batch record"]:
             return None
         inputs = InputFiles(_stamps(document["inputs"]["files"]))
         return AssetRecord(document["order"], inputs, _stamps(document["outputs"]), document["summary"])
