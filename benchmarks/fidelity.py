@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 
 from aoprecalc.io import load_scene, read_image
-from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.texture_lookup import bilinear
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -135,8 +135,8 @@ def correlation(mesh: Path, ours: np.ndarray, theirs: np.ndarray) -> float:
 def looked_up(mesh: Path, picture: np.ndarray) -> np.ndarray:
     """Return what a picture holds at points uniform on the surface."""
     scene = load_scene(mesh)
-    points = spread_points(scene, np.ones(len(scene.faces), bool), 20_000, 0)
-    return bilinear(picture, points.at(scene.uvs), repeats=False)
+    points = sample_surface(scene, np.ones(len(scene.faces), bool), 20_000, 0)
+    return bilinear(picture, points.interpolate(scene.uvs), repeats=False)
 
 
 def table(rows: list[dict[str, object]]) -> str:

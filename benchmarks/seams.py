@@ -14,14 +14,14 @@ import numpy as np
 
 from aoprecalc.io import find_occlusion, load_scene
 from aoprecalc.mesh.normals import face_normals, shading_normals
-from aoprecalc.mesh.sampling import SurfacePoints, spread_points
-from aoprecalc.mesh.topology import islands
-from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level
-from aoprecalc.metrics.reference import reference_ao
+from aoprecalc.mesh.sampling import SurfacePoints, sample_surface
+from aoprecalc.mesh.topology import face_components
+from aoprecalc.metrics.errors import errors_at_levels, summarise
+from aoprecalc.metrics.reference import reference
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.layout import corner_ids, lay_out
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout, corner_ids
 from aoprecalc.types import Atlas
 
 LEVELS = 3
@@ -45,28 +45,26 @@ def compare(path: Path) -> list[dict[str, object]]:
     found = find_occlusion(scene)
     mapped = face_normals(scene.corners)[1]
     normals = shading_normals(scene)
-    points = spread_points(scene, mapped, 20_000, 0)
-    truth = reference_ao(scene, normals, points, VerifyOptions(), Progress())
-    places = points.at(found.uvs)
-    errors = errors_per_mip_level(found.values, places, truth, repeats=False, levels=LEVELS)
+    points = sample_surface(scene, mapped, 20_000, 0)
+    truth = reference(scene, normals, points, VerifyOptions(), Progress())
+    places = points.interpolate(found.uvs)
+    errors = errors_at_levels(found.values, places, truth, repeats=False, levels=LEVELS)
 
     charts = np.full(len(scene.faces), -1)
-    charts[mapped] = islands(corner_ids(scene.faces[mapped], found.uvs[mapped]))
+    charts[mapped] = face_components(corner_ids(scene.faces[mapped], found.uvs[mapped]))
     height, width = found.values.shape
-    raster = ScanlineRaster(lay_out(scene, Atlas("keep", found.uvs, mapped, 0), width, height))
+    raster = CPURasterizer(build_layout(scene, Atlas("keep", found.uvs, mapped, 0), width, height))
     texels = raster.coverage()
     samples = raster.samples(texels, (0.5, 0.5))
     there = samples.faces >= 0
     index, faces = texels.index[there], samples.faces[there]
     at_texels = SurfacePoints(faces, samples.weights[there].astype(float))
-    values = reference_ao(scene, normals, at_texels, VerifyOptions(rays=TEXEL_RAYS), Progress())
+    values = reference(scene, normals, at_texels, VerifyOptions(rays=TEXEL_RAYS), Progress())
     rows = []
     for level, error in enumerate(errors):
         size = (width >> level, height >> level)
         ideal = look_up(index, values, charts[faces], places, charts[points.faces], size, level, width)
-        rows.append(
-            {"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": error_statistics(ideal - truth).rmse}
-        )
+        rows.append({"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": summarise(ideal - truth).rmse})
     return rows
 
 

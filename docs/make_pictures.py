@@ -19,9 +19,9 @@ from aoprecalc.api.bake import bake_scene
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.io import load_scene
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import lay_out
-from aoprecalc.render import preview_panels
-from aoprecalc.spheres import fit_sphere_set
+from aoprecalc.raster.layout import build_layout
+from aoprecalc.render import spheres_panels
+from aoprecalc.spheres import fit
 from aoprecalc.types import Baked, Scene
 
 HERE = Path(__file__).parent
@@ -52,7 +52,7 @@ def borders() -> Image.Image:
     baked = [bake_scene(scene, BakeOptions(padding=padding, fill=fill, **settings)) for padding, fill in bakes]
     bare, padded, mean, pushpull = (255 * one.texture.values[..., None] for one in baked)
     covered = baked[0].texture.valid[..., None]
-    lines = lay_out(scene, baked[0].atlas, width, height).borders[:, :2]
+    lines = build_layout(scene, baked[0].atlas, width, height).borders[:, :2]
 
     squares = np.where(np.indices((height, width)).sum(axis=0) % 2, 236, 250)[..., None]
     tinted = np.where(covered, padded, 0.5 * padded + 0.5 * np.where(bare > 0, LOOKED_UP, PADDED))
@@ -154,8 +154,8 @@ def spheres() -> Image.Image | None:
             print(f"spheres.png: without {name}, which is not in {MESHES}")
             continue
         scene = load_scene(MESHES / name)
-        fitted = [fit_sphere_set(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
-        panels = preview_panels(scene, [(one.centers, one.radii) for one in fitted], PANEL, up)
+        fitted = [fit(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
+        panels = spheres_panels(scene, [(one.centers, one.radii) for one in fitted], PANEL, up)
         rows.append(np.concatenate(panels, axis=1))
     if not rows:
         return None

@@ -1,21 +1,18 @@
 """What a texture does beyond its edges."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aoprecalc.types import Float32Array, Float64Array, Int32Array, Wrap
-
-Indices = NDArray[np.int64]
+from aoprecalc.types import Float32Array, Float64Array, Int32Array, Int64Array, Wrap
 
 
-def wrapped(index: Indices, size: int | Indices, wrap: Wrap) -> Indices:
+def wrapped(index: Int64Array, size: int | Int64Array, wrap: Wrap) -> Int64Array:
     """Return which of `size` texels stands at any index along an axis."""
     if wrap == "clamp":
         return np.clip(index, 0, size - 1)
     if wrap == "repeat":
         return index % size
     turned = index % (2 * size)
-    mirrored: Indices = np.minimum(turned, 2 * size - 1 - turned)
+    mirrored: Int64Array = np.minimum(turned, 2 * size - 1 - turned)
     return mirrored
 
 

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
+Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Wrap = Literal["repeat", "mirror", "clamp"]
 
-SWAPPED = [0, 2, 1]  # corners of a face, where a mirrored placement would turn it inside out
+REVERSED_WINDING = [0, 2, 1]  # corners of a face, where a mirrored placement would turn it inside out
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class Part:
     names         what else a user may call it by: its groups, the nodes above it, its mesh, its material
     material      what its material says
     instance_of   the number of the first part that shows the same piece of the file elsewhere; None for that itself
-    repeat_of     the same for parts that the file cannot tell apart; None for the first of them and where it can
+    duplicate_of  the same for parts that the file cannot tell apart; None for the first of them and where it can
     receives      it gets ambient occlusion
     occludes      it is in the light's way
     two_sided     its texels have the larger of the two sides' values
@@ -85,7 +86,7 @@ class Part:
     names: frozenset[str] = frozenset()
     material: Material = field(default_factory=Material)
     instance_of: int | None = None
-    repeat_of: int | None = None
+    duplicate_of: int | None = None
     receives: bool = True
     occludes: bool = True
     two_sided: bool = False
@@ -102,7 +103,7 @@ class Scene:
     """All triangles of one file, in world placement and in the file's units.
 
     path       where it was read
-    kind       lower-case extension without the dot: obj, ply, stl, off, gltf, glb
+    format     lower-case extension without the dot: obj, ply, stl, off, gltf, glb
     positions  (v, 3) float64: no two are equal, every one is used by a face, all finite
     faces      (f, 3) int32 into positions, f >= 1, counter-clockwise seen from the front
     normals    (f, 3, 3) float32, unit length: the shading normal at each corner; None where the file has none
@@ -114,7 +115,7 @@ class Scene:
     """
 
     path: Path
-    kind: str
+    format: str
     positions: Float64Array
     faces: Int32Array
     normals: Float32Array | None
@@ -122,7 +123,7 @@ class Scene:
     parts: tuple[Part, ...]
     document: object = None
     warnings: tuple[str, ...] = ()
-    floor: tuple[float, float, float] | None = None
+    ground_normal: tuple[float, float, float] | None = None
 
     @property
     def corners(self) -> Float64Array:
@@ -191,7 +192,7 @@ class Atlas:
     uvs: Float64Array
     mapped: BoolArray
     charts: int
-    wraps: bool = False
+    repeats: bool = False
     gutter: int | None = None
     uv_set: int | None = None
     checks: tuple[UvCheck, ...] = ()
@@ -251,8 +252,8 @@ class Baked:
     atlas: Atlas
     normals: Float32Array
     directions: int
-    error: float | None
-    unseen: float
+    sampling_error: float | None
+    occluded_share: float
     backend: str
     renderer: str
     shadow_size: int | None

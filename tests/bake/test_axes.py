@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.visibility.directions import GROUP, axes, groups, texel_offset
+from aoprecalc.visibility.directions import GROUP_SIZE, axis_groups, light_axes, texel_offset
 
 
 def unevenness(axes):
@@ -14,7 +14,7 @@ def unevenness(axes):
 @pytest.mark.parametrize("count", [2, 3, 100, 256, 1000, 4096])
 @pytest.mark.parametrize("sampling", ["fibonacci", "random"])
 def test_axes_are_distinct_unit_vectors_half_as_many(count, sampling):
-    found = axes(count, sampling, seed=4)
+    found = light_axes(count, sampling, seed=4)
     assert len(found) == (count + 1) // 2
     assert np.linalg.norm(found, axis=1) == pytest.approx(1)
     cosines = np.abs(found @ found.T) - np.eye(len(found))
@@ -23,20 +23,20 @@ def test_axes_are_distinct_unit_vectors_half_as_many(count, sampling):
 
 @pytest.mark.parametrize("count", [256, 500, 1000, 1024, 2000, 4096, 10000])
 def test_every_group_is_even(count):
-    found = axes(count)
-    whole = [group for group in groups(len(found)) if group.stop - group.start == GROUP]
+    found = light_axes(count)
+    whole = [group for group in axis_groups(len(found)) if group.stop - group.start == GROUP_SIZE]
     assert max(unevenness(found[group]) for group in whole) < 0.03
     # In its own order the lattice sweeps from equator to pole, which the same bound must refuse.
     swept = found[np.argsort(found[:, 2])]
-    assert unevenness(swept[:GROUP]) > 0.1
+    assert unevenness(swept[:GROUP_SIZE]) > 0.1
 
 
 def test_groups_cover_all_axes_in_order():
-    assert [axis for group in groups(150) for axis in range(group.start, group.stop)] == list(range(150))
+    assert [axis for group in axis_groups(150) for axis in range(group.start, group.stop)] == list(range(150))
 
 
 def test_random_axes_are_uniform():
-    found = axes(100_000, "random", seed=1)
+    found = light_axes(100_000, "random", seed=1)
     assert np.abs(found).mean(axis=0) == pytest.approx(0.5, abs=0.01)
 
 

@@ -7,9 +7,9 @@ from scipy.spatial import KDTree
 
 from aoprecalc.api import bake as baking
 from aoprecalc.api.bake import bake_scene
-from aoprecalc.mesh.sampling import spread_points
-from aoprecalc.mesh.topology import borders
-from aoprecalc.metrics.reference import reference_ao
+from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.topology import boundary_edges
+from aoprecalc.metrics.reference import reference
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import corner_ids
@@ -25,7 +25,7 @@ def rms(values):
 
 def texels_from_border(made, atlas, uvs, size):
     """How far (k, 2) UVs are from the nearest chart border, in texels."""
-    face, corner = np.nonzero(borders(corner_ids(made.faces, atlas.uvs)))
+    face, corner = np.nonzero(boundary_edges(corner_ids(made.faces, atlas.uvs)))
     start, end = atlas.uvs[face, corner], atlas.uvs[face, (corner + 1) % 3]
     along = np.linspace(0, 1, 33)[:, None, None]
     return KDTree((start + along * (end - start)).reshape(-1, 2)).query(uvs)[0] * size
@@ -35,9 +35,9 @@ def texels_from_border(made, atlas, uvs, size):
 def test_look_ups_beside_a_border_are_hardly_worse_than_inside(shape):
     made = scene(*torus()) if shape == "torus" else scene(*join(bowl(), box((-0.3, -0.25, -0.75), (0.25, 0.3, -0.2))))
     baked = bake_scene(made, BakeOptions(128, 128))
-    points = spread_points(made, baked.atlas.mapped, 4000, seed=1)
-    uvs = points.at(baked.atlas.uvs)
-    truth = reference_ao(made, baked.normals, points, VerifyOptions(rays=1024), Progress())
+    points = sample_surface(made, baked.atlas.mapped, 4000, seed=1)
+    uvs = points.interpolate(baked.atlas.uvs)
+    truth = reference(made, baked.normals, points, VerifyOptions(rays=1024), Progress())
     errors = bilinear(baked.texture.values, uvs, repeats=False) - truth
     beside = texels_from_border(made, baked.atlas, uvs, 128) < 1
     assert beside.sum() > 500
@@ -58,19 +58,19 @@ def test_charts_two_texels_apart_keep_their_own_values(shift):
     made = open_and_closed(shift)
     options = BakeOptions(SIZE, SIZE, directions=1000, normals="flat", unwrap="keep", backend="ray")
     texture = bake_scene(made, options).texture
-    points = spread_points(made, np.arange(len(made.faces)) < 4, 10_000, seed=0)
-    found = bilinear(texture.values, points.at(made.uvs), repeats=False)
+    points = sample_surface(made, np.arange(len(made.faces)) < 4, 10_000, seed=0)
+    found = bilinear(texture.values, points.interpolate(made.uvs), repeats=False)
     assert np.abs(found - (points.faces < 2)).max() < 0.02
 
 
 def test_padding_copies_the_nearest_chart_and_never_mixes(monkeypatch):
-    paintings, finish = [], baking.finish
+    paintings, pad_and_fill = [], baking.pad_and_fill
 
     def spy(painting, *given, **named):
         paintings.append(painting)
-        return finish(painting, *given, **named)
+        return pad_and_fill(painting, *given, **named)
 
-    monkeypatch.setattr(baking, "finish", spy)
+    monkeypatch.setattr(baking, "pad_and_fill", spy)
     options = BakeOptions(SIZE, SIZE, directions=128, normals="flat", unwrap="keep", padding=6)
     texture = bake_scene(open_and_closed(0.5), options).texture
     known, values = paintings[0].known, paintings[0].values
@@ -96,11 +96,11 @@ def test_a_chart_thinner_than_a_texel_has_its_own_value(backend, offset):
     made = scene(*join(*floors, *walls), np.concatenate([*charts, around]))
     options = BakeOptions(SIZE, SIZE, normals="flat", unwrap="keep", backend=backend)
     texture = bake_scene(made, options).texture
-    points = spread_points(made, np.arange(len(made.faces)) < 4, 2000, seed=0)
-    places = points.at(made.corners)
+    points = sample_surface(made, np.arange(len(made.faces)) < 4, 2000, seed=0)
+    places = points.interpolate(made.corners)
     middle = np.abs(places[:, 1]) < 15
     left, right = places[:, 0], 1 - places[:, 0]
     slot = (left / np.hypot(left, 2) + right / np.hypot(right, 2)) / 2
     expected = np.where(points.faces < 2, slot, 1)
-    found = bilinear(texture.values, points.at(made.uvs), repeats=False)
+    found = bilinear(texture.values, points.interpolate(made.uvs), repeats=False)
     assert np.abs(found - expected)[middle].max() < 0.04

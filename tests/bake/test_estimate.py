@@ -5,10 +5,10 @@ import pytest
 
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.io.images import quantize
-from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.visibility.directions import axes
+from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.gather import estimate, sampling_error
 from shapes import ball, quad, scene
 
@@ -62,8 +62,8 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
     for estimator, expected in (("ratio", 1.0), ("mean", (1 + np.cos(0.8)) / 2)):
         options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator)
         baked = bake_scene(plane, options)
-        points = spread_points(plane, baked.atlas.mapped, 2000, seed=0)
-        found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=False)
+        points = sample_surface(plane, baked.atlas.mapped, 2000, seed=0)
+        found = bilinear(baked.texture.values, points.interpolate(baked.atlas.uvs), repeats=False)
         assert found == pytest.approx(expected, abs=0.003)
         assert found.mean() == pytest.approx(expected, abs=5e-4)
 
@@ -72,7 +72,7 @@ def test_mean_by_random_directions_is_the_sum_over_just_these():
     normals = np.broadcast_to(np.array([np.sin(0.8), 0, np.cos(0.8)]), (2, 3, 3))
     plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
     options = BakeOptions(width=16, height=16, directions=2000, sampling="random", seed=1, estimator="mean")
-    half = axes(2000, "random", seed=1)
+    half = light_axes(2000, "random", seed=1)
     both = np.concatenate([half, -half])
     expected = 4 / 2000 * np.maximum(0, both @ normals[0, 0])[both[:, 2] > 0].sum()
     texture = bake_scene(plane, options).texture

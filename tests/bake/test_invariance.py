@@ -7,7 +7,7 @@ import pytest
 
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster import samples
 from aoprecalc.texture_lookup import bilinear
@@ -37,8 +37,8 @@ def bake(positions, faces, uvs, options=OPTIONS):
 def rendered(texture):
     """What look-ups at points all over the surface find."""
     positions, faces, uvs = still_life()
-    points = spread_points(scene(positions, faces), np.ones(len(faces), bool), 10_000, seed=0)
-    return bilinear(texture.values, points.at(uvs), repeats=False)
+    points = sample_surface(scene(positions, faces), np.ones(len(faces), bool), 10_000, seed=0)
+    return bilinear(texture.values, points.interpolate(uvs), repeats=False)
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@
 import numpy as np
 
 from aoprecalc.api.bake import bake_scene
-from aoprecalc.mesh.sampling import spread_points
-from aoprecalc.mesh.topology import islands
+from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import BakeOptions
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.layout import corner_ids, lay_out
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout, corner_ids
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.texture_lookup import bilinear, mip_chain
 from shapes import scene, torus
@@ -17,8 +17,8 @@ SIZE, LEVELS = 320, 3
 
 def charts(made, atlas, texture):
     """The chart of each face, and the one that each valid texel belongs to, else -1."""
-    of_face = islands(corner_ids(made.faces, atlas.uvs))
-    sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
+    of_face = face_components(corner_ids(made.faces, atlas.uvs))
+    sampler = CPURasterizer(build_layout(made, atlas, SIZE, SIZE))
     texels = sampler.coverage()
     of_texel = np.full(SIZE * SIZE, -1)
     of_texel[texels.index] = of_face[sampler.samples(texels, CENTER).faces]
@@ -41,8 +41,8 @@ def test_two_levels_are_as_good_as_without_seams():
     baked = bake_scene(made, BakeOptions(SIZE, SIZE, directions=256, fill="none"))
     assert baked.atlas.gutter >= 8
     of_face, of_texel = charts(made, baked.atlas, baked.texture)
-    points = spread_points(made, baked.atlas.mapped, 20_000, seed=1)
-    uvs = points.at(baked.atlas.uvs)
+    points = sample_surface(made, baked.atlas.mapped, 20_000, seed=1)
+    uvs = points.interpolate(baked.atlas.uvs)
     ideal = np.empty((LEVELS, len(uvs)))
     for chart in range(baked.atlas.charts):
         there = of_face[points.faces] == chart

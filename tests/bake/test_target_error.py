@@ -57,7 +57,7 @@ def gathered(shape, directions, **options):
         site = BakeSetup(backend, BakeInputs(made, atlas, shading_normals(made), given))
         (side,) = site.sides
         found = gather(site, side, LocalVisibility(site, side, 128, len(side.texels), Progress()), len(side.texels))
-        backend.check()
+        backend.check_errors()
     return found
 
 
@@ -106,13 +106,13 @@ def test_a_bake_says_how_far_it_came(backend):
 
     baked, said = bake(4000, 0.01)
     assert baked.directions < 4000
-    assert baked.error <= 0.01
+    assert baked.sampling_error <= 0.01
     assert said == []
     baked, said = bake(300, 1e-4)
     assert baked.directions == 300
-    assert f"{baked.error:.4f} after 300 directions, more than the 0.0001 asked for" in said[0]
+    assert f"{baked.sampling_error:.4f} after 300 directions, more than the 0.0001 asked for" in said[0]
     baked, said = bake(128, 0.5)
-    assert baked.error is None
+    assert baked.sampling_error is None
     assert "more than 128 directions" in said[0]
     assert bake(300, 0.0)[0].directions == 300
 

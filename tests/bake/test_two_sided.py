@@ -5,8 +5,8 @@ import pytest
 
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.layout import lay_out
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout
 from aoprecalc.raster.samples import CENTER
 from shapes import ball, cap, dented, join, quad, scene, torus
 
@@ -34,7 +34,7 @@ def test_a_ball_that_looks_inwards_is_dark_and_named_or_open_if_two_sided(backen
     assert any("its faces look inwards" in line and "--two-sided" in line for line in baked.warnings)
     baked = bake(inwards, backend, two_sided=True)
     assert (baked.texture.values[baked.texture.valid] == 1).all()
-    assert baked.unseen == 0
+    assert baked.occluded_share == 0
     assert not any("--two-sided" in line for line in baked.warnings)
 
 
@@ -74,11 +74,11 @@ def test_a_part_inside_another_is_dark_and_said(backend):
     inner = ball(2, 1.0)
     made = scene(*join(inner, ball(3, 3.0)))
     baked = bake(made, backend)
-    sampler = ScanlineRaster(lay_out(made, baked.atlas, 128, 128))
+    sampler = CPURasterizer(build_layout(made, baked.atlas, 128, 128))
     texels = sampler.coverage()
     inside = sampler.samples(texels, CENTER).faces < len(inner[1])
     values = baked.texture.values.ravel()[texels.index]
     assert values[inside].max() < ONE_STEP
     assert (values[~inside] == 1).all()
-    assert baked.unseen == pytest.approx(inside.mean(), abs=0.01)
-    assert any(f"{baked.unseen:.1%} of the texels see" in line for line in baked.warnings)
+    assert baked.occluded_share == pytest.approx(inside.mean(), abs=0.01)
+    assert any(f"{baked.occluded_share:.1%} of the texels see" in line for line in baked.warnings)

@@ -6,18 +6,18 @@ import pytest
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.progress import Progress
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.layout import lay_out
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.types import Atlas
 from aoprecalc.visibility.depth_maps import DepthMapTester
-from aoprecalc.visibility.directions import axes
-from aoprecalc.visibility.projection import extreme_points, project
+from aoprecalc.visibility.directions import light_axes
+from aoprecalc.visibility.projection import convex_hull_points, fit_projections
 from aoprecalc.visibility.rays import RayTester
 from shapes import clutter, scene, triangle_a_cell
 
 SIZE = 40
-AXES = axes(64)
+AXES = light_axes(64)
 
 
 def slow_sums(points, normals, geometric, corners, directions):
@@ -45,15 +45,17 @@ def still(seed):
     positions, faces = clutter(seed)
     made = scene(positions, faces)
     atlas = Atlas("keep", triangle_a_cell(len(faces)), np.ones(len(faces), bool), len(faces))
-    sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
-    return NormalizedSurface.of(made, shading_normals(made, "smooth", 40)), sampler.samples(sampler.coverage(), CENTER)
+    sampler = CPURasterizer(build_layout(made, atlas, SIZE, SIZE))
+    return NormalizedSurface.from_scene(made, shading_normals(made, "smooth", 40)), sampler.samples(
+        sampler.coverage(), CENTER
+    )
 
 
 def expected(surface, samples):
     corners = surface.positions[surface.faces].astype(float)
     points = np.einsum("kc,kcx->kx", samples.weights, corners[samples.faces])
-    geometric = surface.geometric[samples.faces].astype(float)
-    normals = np.einsum("kc,kcx->kx", samples.weights, surface.shading[samples.faces].astype(float))
+    geometric = surface.geometric_normals[samples.faces].astype(float)
+    normals = np.einsum("kc,kcx->kx", samples.weights, surface.shading_normals[samples.faces].astype(float))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where((normals * geometric).sum(axis=1, keepdims=True) <= 0, geometric, normals)
     return slow_sums(points, normals, geometric, corners, np.concatenate([AXES, -AXES]))
@@ -81,11 +83,11 @@ def test_projections_hold_every_point_with_a_margin(shape):
         np.random.default_rng(7).normal(size=(200, 3))
         * {"solid": (1, 2, 3), "flat": (1, 1, 0), "line": (1, 0, 0)}[shape]
     )
-    projections = project(axes(100), extreme_points(points), 256)
+    projections = fit_projections(light_axes(100), convex_hull_points(points), 256)
     seen = np.einsum("arx,px->arp", projections.rows, np.column_stack([points, np.ones(len(points))]))
     assert seen[:, :2].min() >= 0.999
     assert seen[:, :2].max() <= 255.001
-    assert seen[:, 2] == pytest.approx(axes(100) @ points.T)
+    assert seen[:, 2] == pytest.approx(light_axes(100) @ points.T)
     # Rows are lengths over pitch: one map texel aside is one pitch.
     lengths = np.linalg.norm(projections.rows[:, :2, :3], axis=2)
     assert lengths * projections.pitch == pytest.approx(1)

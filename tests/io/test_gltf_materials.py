@@ -169,7 +169,7 @@ def test_a_node_that_repeats_its_mesh_is_there_as_often(gltf):
     ]
     assert scene.corners == pytest.approx(np.array(expected))
     assert [part.instance_of for part in scene.parts] == [None, 0, 0, 0]
-    assert [part.repeat_of for part in scene.parts] == [None, None, 1, 1]
+    assert [part.duplicate_of for part in scene.parts] == [None, None, 1, 1]
     repeated["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = gltf.accessor(np.ones((2, 3), "<f4"))
     with pytest.raises(InputError, match="rows of different numbers"):
         gltf.load()

@@ -21,7 +21,7 @@ def test_a_cube_is_a_cube(gltf_cube, cube):
     maker.node(mesh=maker.mesh(primitive), name="box")
     for name in ("made.glb", "made.gltf"):
         scene = maker.load(name)
-        assert scene.kind == name[5:]
+        assert scene.format == name[5:]
         assert len(scene.positions) == 8
         assert trimesh.Trimesh(scene.positions, scene.faces, process=False).volume == pytest.approx(8)
         assert np.array_equal(scene.normals, np.tile(cube[2], (2, 1))[:, None].repeat(3, axis=1))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.io.formats.polygons import fan_triangles, polygon_triangles, strip_triangles
-from aoprecalc.mesh.vertices import distinct_rows
+from aoprecalc.mesh.vertices import unique_rows
 
 # Concave: an arrow head, an L and a comb, counter-clockwise in the plane z = 0.
 ARROW = [(0, 0), (2, -1), (1, 0), (2, 1)]
@@ -51,10 +51,10 @@ def test_fans():
     assert fan_triangles(np.array([7, 1])).tolist() == []
 
 
-def test_distinct_rows_go_by_value_in_order_of_appearance():
-    first, which = distinct_rows(np.array([[2.0, 0.0], [1.0, 0.0], [2.0, -0.0], [1.0, 1e-300]]), np.array([5, 5, 5, 5]))
+def test_unique_rows_go_by_value_in_order_of_appearance():
+    first, which = unique_rows(np.array([[2.0, 0.0], [1.0, 0.0], [2.0, -0.0], [1.0, 1e-300]]), np.array([5, 5, 5, 5]))
     assert first.tolist() == [0, 1, 3]
     assert which.tolist() == [0, 1, 0, 2]
-    first, which = distinct_rows(np.array([1, 1, 1]), np.array([[0.5], [0.5], [0.25]]))
+    first, which = unique_rows(np.array([1, 1, 1]), np.array([[0.5], [0.5], [0.25]]))
     assert first.tolist() == [0, 2]
     assert which.tolist() == [0, 0, 1]

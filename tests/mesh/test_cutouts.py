@@ -26,7 +26,7 @@ def with_cutout(made, alpha_mask):
 
 
 def cutout_of(made):
-    return made.parts[0].look.alpha_mask
+    return made.parts[0].material.alpha_mask
 
 
 def card(alpha, low=(0, 0), high=(1, 1), **more):

@@ -94,14 +94,14 @@ def test_nothing_left_to_bake_is_refused(street):
     ("kind", "up", "floor"), [("glb", "auto", (0, 1, 0)), ("stl", "auto", (0, 0, 1)), ("stl", "x", (1, 0, 0))]
 )
 def test_the_floor_is_below(street, kind, up, floor):
-    made = replace(street, kind=kind)
-    assert assign_roles(made, LightOptions()).floor is None
-    assert assign_roles(made, LightOptions(ground=True, up=up)).floor == floor
+    made = replace(street, format=kind)
+    assert assign_roles(made, LightOptions()).ground_normal is None
+    assert assign_roles(made, LightOptions(ground=True, up=up)).ground_normal == floor
 
 
 def test_instances_share_with_the_first_that_receives(street):
     first, *others = (replace(part, material=Material()) for part in street.parts)
-    repeated = replace(others[1], instance_of=0, repeat_of=1)
+    repeated = replace(others[1], instance_of=0, duplicate_of=1)
     made = replace(street, parts=(first, replace(others[0], instance_of=0), repeated, others[2]))
 
     def shares(share, **options):

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from aoprecalc.raster.samples import z_order
+from aoprecalc.raster.samples import morton_codes
 
 
 def test_the_first_sixteen_squares_make_four_zs():
     cells = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (3, 0), (2, 1), (3, 1), (0, 2), (1, 2), (0, 3), (1, 3)])
-    assert z_order(cells).tolist() == list(range(12))
+    assert morton_codes(cells).tolist() == list(range(12))
 
 
 def test_every_cell_of_a_cube_has_a_place_of_its_own():
     cells = np.stack(np.meshgrid(*[np.arange(8)] * 3), axis=-1).reshape(-1, 3)
-    assert np.sort(z_order(cells)).tolist() == list(range(512))
-    assert z_order(np.array([[2047, 2047, 2047]]))[0] == 2**33 - 1
+    assert np.sort(morton_codes(cells)).tolist() == list(range(512))
+    assert morton_codes(np.array([[2047, 2047, 2047]]))[0] == 2**33 - 1

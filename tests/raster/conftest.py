@@ -4,17 +4,17 @@ from functools import partial
 
 import pytest
 
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.gl_rasterizer import Raster
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.gl_rasterizer import GLRasterizer
 
 
 @pytest.fixture
 def on_gl(renderer):
     """Makes a rasteriser of a layout that draws with OpenGL."""
-    return partial(Raster, renderer.context)
+    return partial(GLRasterizer, renderer.context)
 
 
 @pytest.fixture(params=["gl", "scanline"])
 def rasteriser(request):
     """Makes a rasteriser of a layout: the test runs once with each kind."""
-    return request.getfixturevalue("on_gl") if request.param == "gl" else ScanlineRaster
+    return request.getfixturevalue("on_gl") if request.param == "gl" else CPURasterizer

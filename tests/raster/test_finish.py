@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.raster import padding as finish_module
-from aoprecalc.raster.least_squares import Reconstruction
-from aoprecalc.raster.padding import Painting, finish, lighter, pad, paint, push_pull
+from aoprecalc.raster.least_squares import LeastSquaresImage
+from aoprecalc.raster.padding import ResolvedTexture, lighter_of_sides, pad, pad_and_fill, push_pull, resolve_texels
 from aoprecalc.types import Texels
 
 
@@ -15,7 +15,7 @@ def islands(seed, height=40, width=56):
     return np.where(valid, rng.random((height, width)), 0).astype(np.float32), valid
 
 
-def slow_pad(picture, valid, reach, wraps):
+def slow_pad(picture, valid, reach, repeats):
     """For every texel, look at every valid one."""
     height, width = valid.shape
     rows, columns = np.nonzero(valid)
@@ -23,7 +23,7 @@ def slow_pad(picture, valid, reach, wraps):
     for row in range(height):
         for column in range(width):
             down, across = np.abs(rows - row), np.abs(columns - column)
-            if wraps:
+            if repeats:
                 down, across = np.minimum(down, height - down), np.minimum(across, width - across)
             away = down**2 + across**2
             if away.min() <= reach * reach:
@@ -33,13 +33,13 @@ def slow_pad(picture, valid, reach, wraps):
     return result, known, tied
 
 
-@pytest.mark.parametrize("wraps", [False, True])
+@pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_padding_copies_the_nearest_valid_texel(seed, wraps, monkeypatch):
+def test_padding_copies_the_nearest_valid_texel(seed, repeats, monkeypatch):
     monkeypatch.setattr(finish_module, "_BAND_ROWS", 7)
     picture, valid = islands(seed)
-    got, known = pad(picture, valid, 4, wraps=wraps)
-    expected, expected_known, tied = slow_pad(picture, valid, 4, wraps)
+    got, known = pad(picture, valid, 4, repeats=repeats)
+    expected, expected_known, tied = slow_pad(picture, valid, 4, repeats)
     assert (known == expected_known).all()
     assert (got == expected)[~tied].all()
     assert np.isin(got[known], picture[valid]).all()
@@ -75,15 +75,15 @@ def painted(picture, valid, measured=True):
     height, width = valid.shape
     texels = Texels(width, height, np.flatnonzero(valid).astype(np.int32))
     values, measured = picture[valid], np.broadcast_to(measured, valid.shape)[valid]
-    fit = Reconstruction(width, height, wraps=False)
+    fit = LeastSquaresImage(width, height, repeats=False)
     centres = (np.argwhere(valid)[:, ::-1] + 0.5).astype(np.float32)
-    fit.add(centres, 1.0 - values.astype(float), measured.astype(float))
-    return paint(texels, values, measured, fit)
+    fit.add_samples(centres, 1.0 - values.astype(float), measured.astype(float))
+    return resolve_texels(texels, values, measured, fit)
 
 
 def test_the_fill_is_the_mean_of_the_measured_texels_so_that_coarse_mips_keep_it():
     picture, valid = islands(3)
-    texture = finish(painted(picture, valid), 0, "mean")
+    texture = pad_and_fill(painted(picture, valid), 0, "mean")
     assert texture.values[~valid] == pytest.approx(picture[valid].mean())
     assert texture.values.mean() == pytest.approx(picture[valid].mean(), abs=1e-6)
 
@@ -92,7 +92,7 @@ def test_texels_that_were_not_measured_are_not_valid_and_take_a_neighbours_value
     valid = np.zeros((4, 6), bool)
     valid[1, 1:4] = True
     picture = np.where(valid, np.array([0, 0.2, 0.9, 0.4, 0, 0], np.float32), 0)
-    texture = finish(painted(picture, valid, measured=picture < 0.5), 1, "none")
+    texture = pad_and_fill(painted(picture, valid, measured=picture < 0.5), 1, "none")
     assert texture.valid.sum() == 2
     assert texture.values[1, 2] in (texture.values[1, 1], texture.values[1, 3])
     assert texture.values[1, [1, 3]] == pytest.approx([0.2, 0.4])
@@ -100,20 +100,20 @@ def test_texels_that_were_not_measured_are_not_valid_and_take_a_neighbours_value
 
 
 def test_nothing_measured_gives_an_empty_picture():
-    texture = finish(painted(np.zeros((2, 2), np.float32), np.ones((2, 2), bool), measured=False), 2, "mean")
+    texture = pad_and_fill(painted(np.zeros((2, 2), np.float32), np.ones((2, 2), bool), measured=False), 2, "mean")
     assert not texture.valid.any()
     assert (texture.values == 0).all()
 
 
 def test_the_lighter_of_two_paintings_counts_a_texel_that_either_knows():
     first, second = (
-        Painting(np.array([values], np.float32), np.array([known]), np.array([valid]))
+        ResolvedTexture(np.array([values], np.float32), np.array([known]), np.array([valid]))
         for values, known, valid in (
             ([0.2, 0.7, 0.0, 0.4], [True, True, False, True], [True, True, False, False]),
             ([0.3, 0.0, 0.0, 0.1], [True, False, False, True], [True, False, False, True]),
         )
     )
-    both = lighter(first, second)
+    both = lighter_of_sides(first, second)
     assert both.values.tolist() == [np.array([0.3, 0.7, 0.0, 0.4], np.float32).tolist()]
     assert both.known.tolist() == [[True, True, False, True]]
     assert both.valid.tolist() == [[True, True, False, True]]

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from aoprecalc.raster.layout import as_atlas
+from aoprecalc.raster.layout import atlas_from_uvs
 from shapes import join, quad, quad_uvs, scene
 
 
-@pytest.mark.parametrize(("beyond", "wraps"), [(0.0, False), (5e-7, False), (1e-5, True), (1.0, True)])
+@pytest.mark.parametrize(("beyond", "repeats"), [(0.0, False), (5e-7, False), (1e-5, True), (1.0, True)])
 @pytest.mark.parametrize("side", [1, -1])
-def test_uvs_leave_the_page_by_more_than_rounding_only(side, beyond, wraps):
+def test_uvs_leave_the_page_by_more_than_rounding_only(side, beyond, repeats):
     uvs = quad_uvs((0, 0), (1, 1)) + side * np.array([beyond, 0.0])
     made = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), uvs)
-    assert as_atlas(made, uvs, np.ones(2, bool)).wraps == wraps
+    assert atlas_from_uvs(made, uvs, np.ones(2, bool)).repeats == repeats
 
 
 def test_only_the_faces_that_count_make_charts_and_leave_the_page():
@@ -22,6 +22,6 @@ def test_only_the_faces_that_count_make_charts_and_leave_the_page():
     )
     made = scene(*join(*floors), uvs)
     mapped = np.arange(6) < 4
-    atlas = as_atlas(made, uvs, mapped)
-    assert (atlas.charts, atlas.wraps) == (2, False)
-    assert (as_atlas(made, uvs, ~mapped).charts, as_atlas(made, uvs, ~mapped).wraps) == (1, True)
+    atlas = atlas_from_uvs(made, uvs, mapped)
+    assert (atlas.charts, atlas.repeats) == (2, False)
+    assert (atlas_from_uvs(made, uvs, ~mapped).charts, atlas_from_uvs(made, uvs, ~mapped).repeats) == (1, True)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from aoprecalc.raster import least_squares as reconstruct
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.layout import lay_out, places
-from aoprecalc.raster.least_squares import Reconstruction
-from aoprecalc.raster.padding import finish, paint
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout, texel_positions
+from aoprecalc.raster.least_squares import LeastSquaresImage
+from aoprecalc.raster.padding import pad_and_fill, resolve_texels
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas
 from aoprecalc.visibility.directions import texel_offset
@@ -22,58 +22,58 @@ def measurements(seed, shape, count):
     return at, rng.random(count), rng.random(count) + 0.1
 
 
-def looked_up(picture, at, wraps):
+def looked_up(picture, at, repeats):
     height, width = picture.shape
-    return bilinear(picture, at / (width, -height) + (0, 1), repeats=wraps)
+    return bilinear(picture, at / (width, -height) + (0, 1), repeats=repeats)
 
 
-def fitted(shape, *parts, wraps=False, start=None):
-    fit = Reconstruction(shape[1], shape[0], wraps=wraps)
+def fitted(shape, *parts, repeats=False, start=None):
+    fit = LeastSquaresImage(shape[1], shape[0], repeats=repeats)
     for part in parts:
-        fit.add(*part)
-    return fit.improve(np.zeros(shape, np.float32) if start is None else start)
+        fit.add_samples(*part)
+    return fit.solve(np.zeros(shape, np.float32) if start is None else start)
 
 
-@pytest.mark.parametrize("wraps", [False, True])
+@pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_it_solves_the_normal_equations(shape, wraps, monkeypatch):
+def test_it_solves_the_normal_equations(shape, repeats, monkeypatch):
     monkeypatch.setattr(reconstruct, "_PRECISION", 1e-6)
     at, values, weights = measurements(3, shape, 60)
     start = np.random.default_rng(4).random(shape).astype(np.float32)
     each = np.eye(start.size).reshape(-1, *shape)
-    look_ups = np.column_stack([looked_up(texel, at.astype(float), wraps) for texel in each])
+    look_ups = np.column_stack([looked_up(texel, at.astype(float), repeats) for texel in each])
     prior = np.sqrt(reconstruct._PRIOR * weights.mean())
     root = np.sqrt(weights)[:, None]
     left = np.concatenate([root * look_ups, prior * np.eye(start.size)])
     right = np.concatenate([root[:, 0] * values, prior * start.ravel()])
     exact = np.linalg.lstsq(left, right, rcond=None)[0].reshape(shape)
-    found = fitted(shape, (at, values, weights), wraps=wraps, start=start)
+    found = fitted(shape, (at, values, weights), repeats=repeats, start=start)
     assert found == pytest.approx(exact, abs=1e-5)
 
 
-@pytest.mark.parametrize("wraps", [False, True])
-def test_samples_of_a_picture_give_that_picture_back(wraps):
+@pytest.mark.parametrize("repeats", [False, True])
+def test_samples_of_a_picture_give_that_picture_back(repeats):
     picture = np.random.default_rng(0).random((9, 7)).astype(np.float32)
     at, _, weights = measurements(1, picture.shape, 5000)
-    samples = at, looked_up(picture, at.astype(float), wraps), weights
-    assert np.abs(fitted(picture.shape, samples, wraps=wraps, start=picture) - picture).max() < 1e-6
+    samples = at, looked_up(picture, at.astype(float), repeats), weights
+    assert np.abs(fitted(picture.shape, samples, repeats=repeats, start=picture) - picture).max() < 1e-6
     # From a wrong start as good as so: the start counts as much as one sample a texel, of eighty.
     wrong = np.full_like(picture, 0.5)
-    found = fitted(picture.shape, samples, wraps=wraps, start=wrong)
+    found = fitted(picture.shape, samples, repeats=repeats, start=wrong)
     assert np.abs(found - picture).max() < 0.1 * np.abs(wrong - picture).max()
 
 
 def test_means_are_of_the_look_ups_that_read_a_texel():
     """Half-way between the second and the third of four texels: these two have that value, the outer ones none."""
-    fit = Reconstruction(4, 1, wraps=False)
-    fit.add(np.float32([(2.0, 0.5), (2.25, 0.5)]), np.float32([0.2, 0.8]), np.array([1.0, 2.0]))
+    fit = LeastSquaresImage(4, 1, repeats=False)
+    fit.add_samples(np.float32([(2.0, 0.5), (2.25, 0.5)]), np.float32([0.2, 0.8]), np.array([1.0, 2.0]))
     second = (0.2 * 1.0 * 0.5 + 0.8 * 2.0 * 0.25) / (1.0 * 0.5 + 2.0 * 0.25)
     third = (0.2 * 1.0 * 0.5 + 0.8 * 2.0 * 0.75) / (1.0 * 0.5 + 2.0 * 0.75)
-    assert fit.means()[0] == pytest.approx([0, second, third, 0], abs=1e-6)
+    assert fit.mean_image()[0] == pytest.approx([0, second, third, 0], abs=1e-6)
 
 
-@pytest.mark.parametrize("wraps", [False, True])
-def test_samples_at_their_spot_are_as_good_as_one_by_one(wraps):
+@pytest.mark.parametrize("repeats", [False, True])
+def test_samples_at_their_spot_are_as_good_as_one_by_one(repeats):
     """Most at one spot of their texel, some moved from there, some in the texels at the edges."""
     rng = np.random.default_rng(8)
     row, column = np.divmod(np.arange(9 * 11), 11)
@@ -81,10 +81,10 @@ def test_samples_at_their_spot_are_as_good_as_one_by_one(wraps):
     at = (np.column_stack([column, row]) + spot).astype(np.float32)
     at[::7] += rng.uniform(-0.2, 0.19, at[::7].shape).astype(np.float32)
     values, weights = rng.random(len(at)).astype(np.float32), rng.random(len(at)) + 0.1
-    one_by_one = fitted((9, 11), (at, values, weights), wraps=wraps)
-    assert fitted((9, 11), (at, values, weights, spot), wraps=wraps) == pytest.approx(one_by_one, abs=1e-5)
+    one_by_one = fitted((9, 11), (at, values, weights), repeats=repeats)
+    assert fitted((9, 11), (at, values, weights, spot), repeats=repeats) == pytest.approx(one_by_one, abs=1e-5)
     halves = [(at[half], values[half], weights[half], spot) for half in (slice(0, 50), slice(50, None))]
-    assert fitted((9, 11), *halves, wraps=wraps) == pytest.approx(one_by_one, abs=1e-5)
+    assert fitted((9, 11), *halves, repeats=repeats) == pytest.approx(one_by_one, abs=1e-5)
 
 
 def test_only_the_shares_of_the_weights_count_and_none_is_no_sample():
@@ -108,17 +108,17 @@ def test_two_parts_are_as_good_as_the_whole():
 def test_a_picture_that_wraps_has_no_first_texel():
     shape = 6, 8
     at, values, weights = measurements(7, shape, 200)
-    found = fitted(shape, (at, values, weights), wraps=True)
-    shifted = fitted(shape, ((at + (3, 2)) % np.float32([8, 6]), values, weights), wraps=True)
+    found = fitted(shape, (at, values, weights), repeats=True)
+    shifted = fitted(shape, ((at + (3, 2)) % np.float32([8, 6]), values, weights), repeats=True)
     assert np.roll(shifted, (-2, -3), axis=(0, 1)) == pytest.approx(found, abs=2e-3)
-    beyond = fitted(shape, (at + np.float32([8, -12]), values, weights), wraps=True)
+    beyond = fitted(shape, (at + np.float32([8, -12]), values, weights), repeats=True)
     assert beyond == pytest.approx(found, abs=1e-4)
 
 
 def test_touched_are_the_texels_that_a_look_up_reads():
-    fit = Reconstruction(6, 5, wraps=False)
-    fit.add(np.float32([(2.75, 1.5), (0.2, 4.9), (5, 5)]), np.ones(3), np.array([1.0, 1.0, 0.0]))
-    assert np.argwhere(fit.touched()).tolist() == [[1, 2], [1, 3], [4, 0]]
+    fit = LeastSquaresImage(6, 5, repeats=False)
+    fit.add_samples(np.float32([(2.75, 1.5), (0.2, 4.9), (5, 5)]), np.ones(3), np.array([1.0, 1.0, 0.0]))
+    assert np.argwhere(fit.sampled_texels()).tolist() == [[1, 2], [1, 3], [4, 0]]
 
 
 def test_without_samples_a_picture_stays_as_it_is():
@@ -149,18 +149,18 @@ def sampled(uvs, value):
     """Paint what `value` gives at the places of samples, as a bake does; returns the texels, too."""
     atlas = Atlas("keep", uvs, np.ones(len(uvs), bool), len(uvs))
     made = scene(np.random.default_rng(0).random((len(uvs) * 3, 3)), np.arange(len(uvs) * 3).reshape(-1, 3), uvs)
-    sampler = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
+    sampler = CPURasterizer(build_layout(made, atlas, SIZE, SIZE))
     texels = sampler.coverage()
-    fit, sums = Reconstruction(SIZE, SIZE, wraps=False), np.zeros((len(texels), 2))
+    fit, sums = LeastSquaresImage(SIZE, SIZE, repeats=False), np.zeros((len(texels), 2))
     for group in range(GROUPS):
         samples = sampler.samples(texels, texel_offset(group))
-        at, weights = places(atlas, texels, samples), (samples.faces >= 0).astype(float)
+        at, weights = texel_positions(atlas, texels, samples), (samples.faces >= 0).astype(float)
         found = value(at.astype(float))
-        fit.add(at, 1 - found, weights)
+        fit.add_samples(at, 1 - found, weights)
         sums += np.column_stack([weights * found, weights])
     measured = sums[:, 1] > 0
     means = np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(texels)), where=measured)
-    return paint(texels, means.astype(np.float32), measured, fit)
+    return resolve_texels(texels, means.astype(np.float32), measured, fit)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -174,7 +174,7 @@ def test_a_ramp_is_a_ramp_up_to_the_border(seed, monkeypatch):
         """RMS of what look-ups all over the charts find, in what the value changes by within a texel."""
         painting = sampled(uvs, value)
         assert (painting.known & ~painting.valid).sum() > 20
-        picture = finish(painting, 1, "none").values
+        picture = pad_and_fill(painting, 1, "none").values
         off = bilinear(picture, points, repeats=False) - value(points * (SIZE, -SIZE) + (0, SIZE))
         return np.sqrt((off**2).mean()) / np.linalg.norm(steep)
 
@@ -182,7 +182,7 @@ def test_a_ramp_is_a_ramp_up_to_the_border(seed, monkeypatch):
     chart = rng.integers(0, len(uvs), 5000)
     points = np.einsum("kc,kcx->kx", rng.dirichlet((1, 1, 1), len(chart)), uvs[chart])
     assert error() < 0.06
-    monkeypatch.setattr(Reconstruction, "improve", lambda self, picture: picture)
+    monkeypatch.setattr(LeastSquaresImage, "solve", lambda self, picture: picture)
     assert error() > 0.12  # the means of texels and copies of them
 
 

@@ -7,7 +7,7 @@ import pytest
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.uv.select import choose_atlas
 from aoprecalc.uv.unwrap import _CHILDREN
 from shapes import box, scene
@@ -25,7 +25,7 @@ def panic(monkeypatch):
 
 
 def choose(unwrap):
-    return choose_atlas(ScanlineRaster, scene(*box()), BakeOptions(64, 64, unwrap=unwrap), Progress())
+    return choose_atlas(CPURasterizer, scene(*box()), BakeOptions(64, 64, unwrap=unwrap), Progress())
 
 
 def test_it_is_an_error_of_one_line():

@@ -11,8 +11,8 @@ from scipy.spatial import KDTree
 from aoprecalc.errors import AoprecalcError, InputError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.layout import corner_ids, lay_out
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout, corner_ids
 from aoprecalc.uv.gutter import choose_gutter, first_unsafe_mip
 from aoprecalc.uv.select import choose_atlas
 from aoprecalc.uv.unwrap import _CHILDREN, unwrap
@@ -22,9 +22,9 @@ SIZE = 256
 
 
 def charts_of(made, atlas):
-    from aoprecalc.mesh.topology import islands
+    from aoprecalc.mesh.topology import face_components
 
-    return islands(corner_ids(made.faces[atlas.mapped], atlas.uvs[atlas.mapped]))
+    return face_components(corner_ids(made.faces[atlas.mapped], atlas.uvs[atlas.mapped]))
 
 
 @pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
@@ -37,7 +37,7 @@ def test_an_unwrap_is_a_faithful_map(method, scale):
     assert atlas.uvs.min() >= 0
     assert atlas.uvs.max() <= 1
     assert atlas.charts == charts_of(made, atlas).max() + 1
-    raster = ScanlineRaster(lay_out(made, atlas, SIZE, SIZE))
+    raster = CPURasterizer(build_layout(made, atlas, SIZE, SIZE))
     assert raster.overlap() == 0
     # One scale over the whole surface, apart from what flattening stretches, and a page that is used.
     side, other = np.diff(made.corners, axis=1).transpose(1, 0, 2)
@@ -63,7 +63,7 @@ def test_charts_keep_the_gutter_between_them_and_half_of_it_at_the_sides(method)
 
 def _covered(made, atlas, faces):
     part = type(atlas)(atlas.method, atlas.uvs, faces, 1)
-    return ScanlineRaster(lay_out(made, part, SIZE, SIZE)).coverage().index
+    return CPURasterizer(build_layout(made, part, SIZE, SIZE)).coverage().index
 
 
 def test_faces_without_area_have_no_place():
@@ -147,14 +147,14 @@ def test_eight_texels_of_padding_are_right_to_level_two():
 
 
 def choose(made, unwrap):
-    return choose_atlas(ScanlineRaster, made, BakeOptions(width=SIZE, height=SIZE, unwrap=unwrap), Progress())
+    return choose_atlas(CPURasterizer, made, BakeOptions(width=SIZE, height=SIZE, unwrap=unwrap), Progress())
 
 
 def test_good_uvs_are_kept():
     positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=4)
     for low, high in (((0.1, 0.1), (0.9, 0.9)), ((2.3, -0.4), (3.1, 0.4))):
         atlas = choose(scene(positions, faces, quad_uvs(low, high, cells=4)), "auto")
-        assert (atlas.method, atlas.charts, atlas.wraps) == ("keep", 1, low[0] > 1)
+        assert (atlas.method, atlas.charts, atlas.repeats) == ("keep", 1, low[0] > 1)
 
 
 @pytest.mark.parametrize("fault", ["missing", "overlap", "no area", "tiled"])

@@ -14,29 +14,29 @@ from aoprecalc.api.warnings import bake_warnings
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.io import (
     Outputs,
-    check_mesh_extension,
-    choose_bit_depth,
+    check_mesh_suffix,
+    choose_depth,
     load_scene,
-    output_mesh_extension,
+    mesh_suffix,
     read_image,
     source_files,
     write_baked_mesh,
     write_image,
 )
-from aoprecalc.io.outputs import claim_output, output_path, write_json
+from aoprecalc.io.outputs import claim, output_place, write_report
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.roles import assign_roles
-from aoprecalc.metrics.errors import TextureErrors
+from aoprecalc.metrics.errors import Verified
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress, Stopwatch
-from aoprecalc.raster.padding import finish, lighter, paint
+from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, Float32Array, Scene
 from aoprecalc.uv.gutter import first_unsafe_mip
 from aoprecalc.uv.select import choose_atlas
-from aoprecalc.visibility import rays as occluders
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.gather import LocalVisibility, TexelVisibility, VisibilityFactory, gather
+from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
 from aoprecalc.visibility.projection import auto_shadow_size
+from aoprecalc.visibility.rays import require_embreex
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
 _DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
@@ -80,27 +80,27 @@ def bake(
     mesh = Path(mesh)
     stem = stem or mesh.stem
     watch = Stopwatch(progress)
-    texture_path = output_path(output, f"{stem}_ao.png")
-    choose_bit_depth(texture_path, options.bit_depth)
+    texture_path = output_place(output, f"{stem}_ao.png")
+    choose_depth(texture_path, options.bit_depth)
     if verify:
-        occluders.require()
+        require_embreex()
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
-        claim_output(outputs, output, texture_path)
+        claim(outputs, output, texture_path)
         with watch.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         folder = texture_path.parent
-        mesh_path = output_path(mesh_output, folder / f"{stem}_ao{output_mesh_extension(scene)[0]}")
-        check_mesh_extension(mesh_path, options.pack)
-        claim_output(outputs, mesh_output, mesh_path)
-        report_path = None if report is None else output_path(report, f"{stem}_report.json")
+        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{mesh_suffix(scene)[0]}")
+        check_mesh_suffix(mesh_path, options.pack)
+        claim(outputs, mesh_output, mesh_path)
+        report_path = None if report is None else output_place(report, f"{stem}_report.json")
         if report_path is not None:
-            claim_output(outputs, report, report_path)
+            claim(outputs, report, report_path)
         baked = bake_scene(scene, options, progress, watch, make_visibility)
-        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
-        mesh_path = output_path(mesh_output, folder / f"{stem}_ao{suffix}")
-        check_mesh_extension(mesh_path, options.pack)
+        suffix, reason = mesh_suffix(baked.scene, baked.atlas)
+        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{suffix}")
+        check_mesh_suffix(mesh_path, options.pack)
         with watch.stage("write"):
             written = outputs.path(texture_path)
             write_image(written, baked.texture.values, options.bit_depth)
@@ -114,7 +114,7 @@ def bake(
         places = {"texture": texture_path, "mesh": mesh_path}
         document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
         if report_path is not None:
-            write_json(outputs.path(report_path), document)
+            write_report(outputs.path(report_path), document)
     for line in warnings:
         progress.warn(line)
     return BakeResult(texture_path, mesh_path, baked, document)
@@ -139,9 +139,9 @@ def bake_scene(
     scene = assign_roles(scene, options, share=options.instances == "share")
     normals = shading_normals(scene, options.normals, options.crease_angle)
     with open_backend(options, progress) as backend:
-        backend.admit(options)
+        backend.check_size(options)
         with watch.stage("unwrap"):
-            atlas = choose_atlas(backend.sampler, scene, options, progress)
+            atlas = choose_atlas(backend.rasterizer, scene, options, progress)
         progress.note(_describe(atlas, options.padding))
         site = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
         texels = site.texels
@@ -162,22 +162,24 @@ def bake_scene(
         unit = "directions" if looks == len(site.sides) else f"directions, {looks} times to save memory"
         with watch.stage("visibility", looks * 2 * len(site.axes), unit):
             seen = [_gathered(site, side, make_visibility, shadow_size, most, progress) for side in site.sides]
-        backend.check()
+        backend.check_errors()
     if not any(gathered.measured.any() for gathered in seen):
         raise UsageError(
             f"{len(texels)} texels are covered but face none of {2 * len(site.axes)} directions; use more --directions"
         )
     with watch.stage("finish"):
-        paintings = [paint(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
-        texture = finish(lighter(paintings[0], paintings[-1]), options.padding, options.fill, wraps=atlas.wraps)
+        paintings = [resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
+        texture = pad_and_fill(
+            lighter_of_sides(paintings[0], paintings[-1]), options.padding, options.fill, repeats=atlas.repeats
+        )
     baked = Baked(
         scene=scene,
         texture=texture,
         atlas=atlas,
         normals=normals,
         directions=max(side.directions for side in seen),
-        error=max((side.error for side in seen if side.error is not None), default=None),
-        unseen=_unseen(seen, options.width * options.height),
+        sampling_error=max((side.error for side in seen if side.error is not None), default=None),
+        occluded_share=_occluded_share(seen, options.width * options.height),
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
@@ -192,12 +194,12 @@ def _gathered(
     shadow_size: int,
     most: int,
     progress: Progress,
-) -> TexelVisibility:
+) -> TexelOcclusion:
     sight = make_visibility(site, side, shadow_size, most, progress)  # is gone before the next side's is made
     return gather(site, side, sight, most)
 
 
-def _unseen(sides: list[TexelVisibility], size: int) -> float:
+def _occluded_share(sides: list[TexelOcclusion], size: int) -> float:
     """Return the share of the measured texels, of `size` in the picture, that no side sees light from."""
     measured, lit = np.zeros(size, bool), np.zeros(size, bool)
     for side in sides:
@@ -208,7 +210,7 @@ def _unseen(sides: list[TexelVisibility], size: int) -> float:
 
 def _verified(
     baked: Baked, picture: Float32Array, options: BakeOptions, progress: Progress, watch: Stopwatch
-) -> TextureErrors:
+) -> Verified:
     """Measure the picture that a bake has written."""
     asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
     with watch.stage("verify", asked.points, "points"):

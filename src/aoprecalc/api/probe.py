@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.gl.context import VERSION, Candidate, count_devices, make_context
-from aoprecalc.visibility.rays import RayCaster, obstacle
+from aoprecalc.visibility.rays import RayCaster, embreex_problem
 
 _LONGEST = 120  # seconds after which it ends itself, should the parent have died
 # What glcontext's reasons mean, the first that fits.
@@ -69,7 +69,7 @@ def _describe(candidate: Candidate) -> dict[str, Any]:
 
 def probe_rays() -> dict[str, Any]:
     """Cast one ray at a triangle and one beside it."""
-    fault = obstacle()
+    fault = embreex_problem()
     if fault is not None:
         return {"fault": fault}
     triangle = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)]], np.float32)

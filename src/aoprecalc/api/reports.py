@@ -7,20 +7,21 @@ from typing import Any
 import numpy as np
 
 from aoprecalc import __version__
-from aoprecalc.io import OcclusionTexture
-from aoprecalc.io.outputs import SCHEMAS
+from aoprecalc.io import OcclusionPicture
 from aoprecalc.mesh.topology import topology
-from aoprecalc.metrics.errors import ErrorStatistics, TextureErrors, WorstPoint
+from aoprecalc.metrics.errors import Errors, Place, Verified
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
 from aoprecalc.uv.gutter import first_unsafe_mip
+
+VERIFY_SCHEMA = 1
 
 
 def verify_report(
     scene: Scene,
     atlas: Atlas,
-    found: OcclusionTexture,
-    verified: TextureErrors,
+    found: OcclusionPicture,
+    verified: Verified,
     options: VerifyOptions,
     places: dict[str, Path],
     seconds: dict[str, float],
@@ -29,7 +30,7 @@ def verify_report(
     """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
     height, width = found.values.shape
     return {
-        "schema": SCHEMAS["verify"],
+        "schema": VERIFY_SCHEMA,
         "version": __version__,
         "input": {"path": str(scene.path), "triangles": len(scene.faces)},
         "texture": {
@@ -38,7 +39,7 @@ def verify_report(
             "height": height,
             "triangles": int(np.count_nonzero(atlas.mapped)),
             "charts": atlas.charts,
-            "repeats": atlas.wraps,
+            "repeats": atlas.repeats,
         },
         "outputs": {name: str(path) for name, path in places.items()},
         "seed": options.seed,
@@ -52,7 +53,7 @@ def verify_report(
     }
 
 
-def verified_report(verified: TextureErrors) -> dict[str, Any]:
+def verified_report(verified: Verified) -> dict[str, Any]:
     """Return what was measured, for a report of any job."""
     return {
         "points": verified.points,
@@ -62,11 +63,11 @@ def verified_report(verified: TextureErrors) -> dict[str, Any]:
     }
 
 
-def _errors(level: int, errors: ErrorStatistics) -> dict[str, Any]:
+def _errors(level: int, errors: Errors) -> dict[str, Any]:
     return {"level": level, **{name: round(value, 6) for name, value in asdict(errors).items()}}
 
 
-def _place(place: WorstPoint) -> dict[str, Any]:
+def _place(place: Place) -> dict[str, Any]:
     return {
         "position": list(place.position),
         "uv": [round(number, 6) for number in place.uv],
@@ -78,13 +79,15 @@ def _place(place: WorstPoint) -> dict[str, Any]:
 
 # The report of a bake: what was read, chosen and measured, as one JSON document.
 
+BAKE_SCHEMA = 1
+
 
 def bake_report(
     baked: Baked,
     options: BakeOptions,
     places: dict[str, Path],
     files: list[Path],
-    verified: TextureErrors | None,
+    verified: Verified | None,
     seconds: dict[str, float],
     warnings: tuple[str, ...],
 ) -> dict[str, Any]:
@@ -93,7 +96,7 @@ def bake_report(
     shape = topology(scene.faces)
     values = texture.values[texture.valid]
     return {
-        "schema": SCHEMAS["bake"],
+        "schema": BAKE_SCHEMA,
         "version": __version__,
         "input": {
             "path": str(scene.path),
@@ -107,11 +110,11 @@ def bake_report(
         "renderer": baked.renderer,
         "backend": baked.backend,
         "directions": baked.directions,
-        "estimated_error": None if baked.error is None else round(baked.error, 6),
+        "estimated_error": None if baked.sampling_error is None else round(baked.sampling_error, 6),
         "sampling": options.sampling,
         "estimator": options.estimator,
         "two_sided": options.two_sided,
-        "floor": scene.floor,
+        "floor": scene.ground_normal,
         "shadow_size": baked.shadow_size,
         "unwrap": {
             "method": atlas.method,
@@ -127,7 +130,7 @@ def bake_report(
             "mean": round(float(values.mean(dtype=np.float64)), 6),
             "min": round(float(values.min()), 6),
             "max": round(float(values.max()), 6),
-            "unseen_share": round(baked.unseen, 6),
+            "unseen_share": round(baked.occluded_share, 6),
         },
         "verify": None if verified is None else verified_report(verified),
         "seconds": seconds,

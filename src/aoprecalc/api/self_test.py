@@ -10,7 +10,7 @@ import numpy as np
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.sampling import spread_points
+from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import Backend, BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Float64Array, Part, Scene
@@ -67,10 +67,10 @@ def trial(backend: Backend = "auto") -> dict[str, Any]:
     started = time.perf_counter()
     baked = bake_scene(scene, options)
     seconds = time.perf_counter() - started
-    points = spread_points(scene, baked.atlas.mapped, POINTS, seed=0)
+    points = sample_surface(scene, baked.atlas.mapped, POINTS, seed=0)
     normals = face_normals(scene.corners)[0][points.faces]
-    expected = form_factor(points.at(scene.corners), normals, opening)
-    found = bilinear(baked.texture.values, points.at(baked.atlas.uvs), repeats=baked.atlas.wraps)
+    expected = form_factor(points.interpolate(scene.corners), normals, opening)
+    found = bilinear(baked.texture.values, points.interpolate(baked.atlas.uvs), repeats=baked.atlas.repeats)
     error = float(np.sqrt(((found - expected) ** 2).mean()))
     return {
         "backend": baked.backend,

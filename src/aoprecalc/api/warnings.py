@@ -7,8 +7,8 @@ from aoprecalc.mesh.topology import topology
 from aoprecalc.options import BakeOptions
 from aoprecalc.types import Baked, Scene
 from aoprecalc.uv.gutter import first_unsafe_mip
-from aoprecalc.uv.select import MOST_OVERLAP
-from aoprecalc.uv.unwrap import owns_place
+from aoprecalc.uv.select import MAX_OVERLAP
+from aoprecalc.uv.unwrap import needs_uvs
 
 _NAMED = 5  # parts
 _UNSEEN = 0.01  # share of texels without light from which on it is said
@@ -21,9 +21,9 @@ def bake_warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[s
         asked = f"{options.directions} were asked for"
         warnings.append(f"{baked.directions} directions were used, as they come in pairs; {asked}")
     warnings += _about_target(baked, options)
-    if overlap > MOST_OVERLAP:
+    if overlap > MAX_OVERLAP:
         warnings.append(f"{overlap:.1%} of the texels lie inside two faces of the new UVs and serve one of them")
-    left_out = np.count_nonzero(owns_place(scene) & ~atlas.mapped)
+    left_out = np.count_nonzero(needs_uvs(scene) & ~atlas.mapped)
     if left_out:
         warnings.append(
             f"{atlas.method} found no place for {left_out} of {len(scene.faces)} faces; they have no texels"
@@ -58,28 +58,30 @@ def _named(parts: list[str]) -> str:
 
 
 def _about_target(baked: Baked, options: BakeOptions) -> list[str]:
-    if options.target_error is None or (baked.error is not None and baked.error <= options.target_error):
+    if options.target_error is None or (
+        baked.sampling_error is not None and baked.sampling_error <= options.target_error
+    ):
         return []
-    if baked.error is None:
+    if baked.sampling_error is None:
         return ["the sampling error can be estimated from more than 128 directions on only; use more --directions"]
     return [
-        f"the estimated sampling error is {baked.error:.4f} after {baked.directions} directions, more than the "
-        f"{options.target_error:g} asked for; use more --directions"
+        f"the estimated sampling error is {baked.sampling_error:.4f} after {baked.directions} directions, more than "
+        f"the {options.target_error:g} asked for; use more --directions"
     ]
 
 
 def _about_sides(baked: Baked, options: BakeOptions) -> list[str]:
     if not options.two_sided and topology(baked.scene.faces).watertight and _volume(baked) < 0:
         return ["the surface is closed and its faces look inwards: its inside was baked; turn them or use --two-sided"]
-    if baked.unseen < _UNSEEN:
+    if baked.occluded_share < _UNSEEN:
         return []
     why = (
         "they lie inside other parts or touch them"
         if options.two_sided
         else ("they lie inside other parts, touch them, or face inwards (--two-sided takes the lighter side)")
     )
-    floor = "" if baked.scene.floor is None else "they look down at the floor, "
-    return [f"{baked.unseen:.1%} of the texels see next to no direction: {floor}{why}"]
+    floor = "" if baked.scene.ground_normal is None else "they look down at the floor, "
+    return [f"{baked.occluded_share:.1%} of the texels see next to no direction: {floor}{why}"]
 
 
 def _volume(baked: Baked) -> float:

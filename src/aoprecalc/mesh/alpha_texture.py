@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.texture_lookup import wrapped
-from aoprecalc.types import Float32Array, Float64Array, Wrap
-
-Indices = NDArray[np.int64]
+from aoprecalc.types import Float32Array, Float64Array, Int64Array, Wrap
 
 _CELLS = 2048  # along the sides of the finest bounds at most
 
 
 @dataclass(frozen=True, eq=False)
-class AlphaPicture:
+class AlphaTexture:
     """An alpha with its bounds. Places are (u, 1 - v), as rows run.
 
     alpha    (h, w) float32
@@ -28,10 +26,10 @@ class AlphaPicture:
     alpha: Float32Array
     wraps: tuple[Wrap, Wrap]
     bounds: Float32Array
-    grids: Indices
+    grids: Int64Array
 
     @classmethod
-    def of(cls, alpha: Float32Array, wraps: tuple[Wrap, Wrap]) -> Self:
+    def from_image(cls, alpha: Float32Array, wraps: tuple[Wrap, Wrap]) -> Self:
         """Make the bounds of an alpha."""
         pyramids = [list(_pyramid(alpha, wraps, extreme)) for extreme in (np.minimum, np.maximum)]
         sizes = np.array([cells.shape for cells in pyramids[0]])

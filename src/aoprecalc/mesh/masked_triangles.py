@@ -11,10 +11,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.alpha_texture import AlphaPicture
-from aoprecalc.types import AlphaMask, BoolArray, Float64Array, Int32Array, Scene
-
-Indices = NDArray[np.int64]
+from aoprecalc.mesh.alpha_texture import AlphaTexture
+from aoprecalc.types import AlphaMask, BoolArray, Float64Array, Int32Array, Int64Array, Scene
 
 SPECK = 1e-12  # of a length or an area, which is none
 
@@ -40,7 +38,7 @@ def quartered(values: Float64Array) -> Float64Array:
     return np.stack([a, ab, ca, ab, b, bc, ca, bc, c, bc, ca, ab], axis=1).reshape(-1, 4, 3)
 
 
-def parted(values: Float64Array) -> tuple[Indices, Float64Array]:
+def parted(values: Float64Array) -> tuple[Int64Array, Float64Array]:
     """Tell how a line parts triangles, by values at their corners, (..., 3), of both signs.
 
     Returns the corners in turn, (..., 3), from the one that it parts from two, and how far from that it meets the sides
@@ -48,7 +46,7 @@ def parted(values: Float64Array) -> tuple[Indices, Float64Array]:
     """
     opaque = values >= 0
     lonely = np.where(opaque.sum(axis=-1) == 1, opaque.argmax(axis=-1), opaque.argmin(axis=-1))
-    turn: Indices = (lonely[..., None] + np.arange(3)) % 3
+    turn: Int64Array = (lonely[..., None] + np.arange(3)) % 3
     turned = np.take_along_axis(values, turn, axis=-1)
     return turn, turned[..., :1] / (turned[..., :1] - turned[..., 1:])
 
@@ -104,7 +102,7 @@ _FARTHEST = 1e9  # UVs beyond it, or not finite, are a fault of the file that mu
 
 
 @dataclass(frozen=True, eq=False)
-class Cards:
+class MaskedTriangles:
     """The c faces with holes that are in the light's way, copies of n different triangles.
 
     marks      (n, 3, 3) float64: u, 1 - v and the factor at each corner
@@ -119,15 +117,15 @@ class Cards:
 
     marks: Float64Array
     cutoffs: Float64Array
-    shows: Indices
-    halvings: Indices
-    sizes: Indices
-    pictures: tuple["AlphaPicture", ...]
-    copies: Indices
+    shows: Int64Array
+    halvings: Int64Array
+    sizes: Int64Array
+    pictures: tuple[AlphaTexture, ...]
+    copies: Int64Array
     corners: Float64Array
 
     @classmethod
-    def of(cls, scene: Scene) -> Self | None:
+    def from_scene(cls, scene: Scene) -> Self | None:
         """Collect them from a scene; None if there are none."""
         parts = [part for part in scene.parts if part.occludes and part.stop > part.start]
         pierced = [(part.faces, part.material.alpha_mask) for part in parts if part.material.alpha_mask is not None]
@@ -136,7 +134,9 @@ class Cards:
         # Materials share pictures, and parts share materials.
         keys = [(id(alpha_mask.alpha), alpha_mask.wraps) for _, alpha_mask in pierced]
         distinct = {key: alpha_mask for key, (_, alpha_mask) in zip(keys, pierced, strict=True)}
-        pictures = tuple(AlphaPicture.of(alpha_mask.alpha, alpha_mask.wraps) for alpha_mask in distinct.values())
+        pictures = tuple(
+            AlphaTexture.from_image(alpha_mask.alpha, alpha_mask.wraps) for alpha_mask in distinct.values()
+        )
         numbers = {key: number for number, key in enumerate(distinct)}
         counts = [faces.stop - faces.start for faces, _ in pierced]
         shows = np.repeat([numbers[key] for key in keys], counts)
@@ -265,7 +265,7 @@ class Cards:
         for run in _runs(np.arange(len(piece)), _BLOCK):
             yield weighted(self.corners[copy[run]], places[piece[run]])
 
-    def _blocks(self, triangle: Int32Array) -> Iterator[tuple["AlphaPicture", Indices]]:
+    def _blocks(self, triangle: Int32Array) -> Iterator[tuple[AlphaTexture, Int64Array]]:
         """Part numbers of triangles, (m,), into runs that show one picture: yield it and which they are."""
         for run in _runs(np.arange(len(triangle)), _BLOCK):
             shows = self.shows[triangle[run]]
@@ -273,7 +273,7 @@ class Cards:
                 yield self.pictures[number], run[shows == number]
 
 
-def _runs(indices: Indices, length: int) -> Iterator[Indices]:
+def _runs(indices: Int64Array, length: int) -> Iterator[Int64Array]:
     """Yield indices, (m,), in runs of a length at most."""
     for start in range(0, len(indices), length):
         yield indices[start : start + length]

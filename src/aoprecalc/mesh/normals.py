@@ -51,7 +51,7 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
     own = np.repeat(_unit(areas)[:, None], 3, axis=1)
     if mode == "flat":
         return own.astype(np.float32)
-    angle = crease_angle if crease_angle is not None else _STL_ANGLE if scene.kind == "stl" else _SMOOTH_ANGLE
+    angle = crease_angle if crease_angle is not None else _STL_ANGLE if scene.format == "stl" else _SMOOTH_ANGLE
     fans = (
         scene.faces if angle >= _SMOOTH_ANGLE else _smooth_fans(scene.faces, _unit(areas, empty=(0.0, 0.0, 0.0)), angle)
     )

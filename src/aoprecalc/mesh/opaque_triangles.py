@@ -16,7 +16,15 @@ from typing import Self
 
 import numpy as np
 
-from aoprecalc.mesh.masked_triangles import OPAQUE, UNKNOWN, Cards, opaque_share, quartered, quarters_of, with_share
+from aoprecalc.mesh.masked_triangles import (
+    OPAQUE,
+    UNKNOWN,
+    MaskedTriangles,
+    opaque_share,
+    quartered,
+    quarters_of,
+    with_share,
+)
 from aoprecalc.types import BoolArray, Float64Array, Int32Array, Scene
 
 _BUDGET = 2_000_000  # pieces
@@ -30,7 +38,7 @@ def opaque_triangles(scene: Scene, budget: int = _BUDGET) -> Float64Array:
     budget   how many pieces the faces with holes may become; each may become two, whatever it is
     """
     solid = scene.corners[scene.occludes & scene.per_face(part.material.alpha_mask is None for part in scene.parts)]
-    cards = Cards.of(scene)
+    cards = MaskedTriangles.from_scene(scene)
     if cards is None:
         return solid
     budget = max(budget, 2 * len(cards.corners))
@@ -80,7 +88,7 @@ class _Cuts:
         )
 
 
-def _cut(cards: "Cards", nodes: Int32Array, shortest: int, room: int) -> _Cuts:
+def _cut(cards: MaskedTriangles, nodes: Int32Array, shortest: int, room: int) -> _Cuts:
     """Cut nodes, (m, 5), of which it is unknown whether they are clear or opaque.
 
     The largest are quartered first: where that takes too many nodes, the rest are thus about as large.

@@ -30,7 +30,7 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     parts = [_with_roles(part, options) for part in scene.parts]
     if not any(part.receives for part in parts):
         raise _nothing_to_bake(scene, options)
-    return replace(scene, parts=_with_shares(parts, share), floor=_floor(scene, options))
+    return replace(scene, parts=_with_shares(parts, share), ground_normal=_ground_normal(scene, options))
 
 
 def _with_roles(part: Part, options: LightOptions) -> Part:
@@ -44,10 +44,10 @@ def _with_roles(part: Part, options: LightOptions) -> Part:
     )
 
 
-def _floor(scene: Scene, options: LightOptions) -> tuple[float, float, float] | None:
+def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, float] | None:
     if not options.ground:
         return None
-    up = options.up if options.up != "auto" else "z" if scene.kind == "stl" else "y"
+    up = options.up if options.up != "auto" else "z" if scene.format == "stl" else "y"
     return _AXES[up]
 
 
@@ -56,7 +56,7 @@ def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
     first: dict[int, int] = {}
     result = []
     for number, part in enumerate(parts):
-        piece = part.instance_of if share else part.repeat_of
+        piece = part.instance_of if share else part.duplicate_of
         owner = first.setdefault(number if piece is None else piece, number) if part.receives else number
         result.append(replace(part, uv_owner=None if owner == number else owner))
     return tuple(result)

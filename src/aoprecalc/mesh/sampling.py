@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.normals import area_vectors
-from aoprecalc.mesh.unit_sphere import centred
+from aoprecalc.mesh.unit_sphere import to_unit_sphere
 from aoprecalc.types import BoolArray, Float64Array, Scene
 
 
-def faces_by_area(upto: Float64Array, where: Float64Array) -> NDArray[np.intp]:
+def pick_faces(upto: Float64Array, where: Float64Array) -> NDArray[np.intp]:
     """Return the face at each of k numbers in [0, 1]; one without area is never met.
 
     upto   (f,) the areas of each face and all before it; the last is > 0
@@ -22,7 +22,7 @@ def faces_by_area(upto: Float64Array, where: Float64Array) -> NDArray[np.intp]:
     return faces
 
 
-def folded(along: Float64Array, across: Float64Array) -> tuple[Float64Array, Float64Array]:
+def fold_to_triangle(along: Float64Array, across: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Fold numbers in [0, 1), which span a parallelogram, into the triangle that is its half."""
     beyond = along + across > 1
     return np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
@@ -45,20 +45,20 @@ class SurfacePoints:
     def __len__(self) -> int:
         return len(self.faces)
 
-    def at(self, corners: NDArray[np.floating]) -> Float64Array:
+    def interpolate(self, corners: NDArray[np.floating]) -> Float64Array:
         """Interpolate values at the corners of all faces, (f, 3, c), to the points, (k, c) float64."""
         values: Float64Array = np.einsum("kc,kcx->kx", self.weights, corners[self.faces].astype(np.float64))
         return values
 
 
-def spread_points(scene: Scene, mapped: BoolArray, count: int, seed: int) -> SurfacePoints:
+def sample_surface(scene: Scene, mapped: BoolArray, count: int, seed: int) -> SurfacePoints:
     """Draw `count` points uniformly by area from the faces in `covers`, (f,) bool; some of these must have area.
 
     The faces laid end to end are cut into `count` pieces of equal area, and each piece has one point: how many fall on
     a region varies far less than if each were drawn from all of them.
     """
-    areas = np.linalg.norm(area_vectors(centred(scene.positions)[scene.faces]), axis=1) * mapped
+    areas = np.linalg.norm(area_vectors(to_unit_sphere(scene.positions)[scene.faces]), axis=1) * mapped
     rng = np.random.default_rng(seed)
     where = (np.arange(count) + rng.random(count)) / count
-    along, across = folded(rng.random(count), rng.random(count))
-    return SurfacePoints(faces_by_area(np.cumsum(areas), where), np.column_stack([1 - along - across, along, across]))
+    along, across = fold_to_triangle(rng.random(count), rng.random(count))
+    return SurfacePoints(pick_faces(np.cumsum(areas), where), np.column_stack([1 - along - across, along, across]))

@@ -24,10 +24,10 @@ def topology(faces: Int32Array) -> Topology:
         return Topology(components=0, watertight=False)
     faces = faces[proper]
     watertight = bool((np.bincount(edge_ids(faces).ravel()) == 2).all())
-    return Topology(len(np.unique(islands(faces))), watertight)
+    return Topology(len(np.unique(face_components(faces))), watertight)
 
 
-def islands(corners: Int32Array) -> Int32Array:
+def face_components(corners: Int32Array) -> Int32Array:
     """Return the island of each face, (f,) int32, for (f, 3) corner numbers: faces that share a number are of one."""
     size = int(corners.max()) + 1
     rows = np.concatenate([corners[:, 0], corners[:, 0]])
@@ -48,7 +48,7 @@ def edge_ids(corners: Int32Array) -> Int32Array:
     return ids.astype(np.int32).reshape(-1, 3)
 
 
-def borders(corners: Int32Array) -> BoolArray:
+def boundary_edges(corners: Int32Array) -> BoolArray:
     """Return which edges, (f, 3), belong to one face alone."""
     ids = edge_ids(corners)
     alone: BoolArray = np.bincount(ids.ravel())[ids] == 1

@@ -20,23 +20,23 @@ class NormalizedSurface:
     shading     (f, 3, 3) float32: the unit shading normals n at the corners
     geometric   (f, 3) float32: the unit geometric normals g, zero for faces without area
     occluders   (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light
-    reach       (r, 3) float32: positions around all that receives or occludes
-    floor       the unit vector away from the endless floor; None where there is none
+    bounding_points       (r, 3) float32: positions around all that receives or occludes
+    ground_normal the unit vector away from the endless floor; None where there is none
     """
 
     positions: Float32Array
     faces: Int32Array
-    shading: Float32Array
-    geometric: Float32Array
+    shading_normals: Float32Array
+    geometric_normals: Float32Array
     occluders: Float32Array
-    reach: Float32Array
-    floor: tuple[float, float, float] | None
+    bounding_points: Float32Array
+    ground_normal: tuple[float, float, float] | None
 
     @classmethod
-    def of(cls, scene: Scene, shading: Float32Array) -> Self:
+    def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
         """Take a scene and its (f, 3, 3) shading normals."""
-        reach = taking_part(scene)
-        middle, radius = bounding_sphere(reach)
+        bounding_points = active_positions(scene)
+        middle, radius = bounding_sphere(bounding_points)
 
         def inside(positions: Float64Array) -> Float32Array:
             return ((positions - middle) / radius).astype(np.float32)
@@ -45,24 +45,26 @@ class NormalizedSurface:
         return cls(
             positions=inside(scene.positions),
             faces=scene.faces,
-            shading=shading,
-            geometric=geometric_normals(scene, shading),
+            shading_normals=shading,
+            geometric_normals=geometric_normals(scene, shading),
             # Renderers and ray tracers want one triangle at least; this one has no area.
             occluders=inside(occluders) if len(occluders) else np.zeros((1, 3, 3), np.float32),
-            reach=inside(reach),
-            floor=scene.floor,
+            bounding_points=inside(bounding_points),
+            ground_normal=scene.ground_normal,
         )
 
-    def is_below(self, directions: NDArray[np.floating]) -> BoolArray:
+    def is_below_ground(self, directions: NDArray[np.floating]) -> BoolArray:
         """Tell which of (..., 3) directions lead down to the floor; level ones do not."""
         below: BoolArray = np.zeros(directions.shape[:-1], bool)
-        return below if self.floor is None else directions @ np.asarray(self.floor, directions.dtype) < 0
+        return (
+            below if self.ground_normal is None else directions @ np.asarray(self.ground_normal, directions.dtype) < 0
+        )
 
-    def turned(self) -> Self:
+    def flipped(self) -> Self:
         """Return the surface with its other side in front."""
-        return replace(self, shading=-self.shading, geometric=-self.geometric)
+        return replace(self, shading_normals=-self.shading_normals, geometric_normals=-self.geometric_normals)
 
-    def at(
+    def interpolate(
         self, faces: NDArray[np.integer], weights: NDArray[np.floating]
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return positions, n and g, (k, 3) float64 each, at k points: their faces and (k, 3) barycentric weights.
@@ -71,21 +73,21 @@ class NormalizedSurface:
         """
         at = weights.astype(np.float64)
         positions = np.einsum("kc,kcx->kx", at, self.positions[self.faces[faces]])
-        geometric = self.geometric[faces].astype(np.float64)
-        shading = np.einsum("kc,kcx->kx", at, self.shading[faces])
+        geometric = self.geometric_normals[faces].astype(np.float64)
+        shading = np.einsum("kc,kcx->kx", at, self.shading_normals[faces])
         opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
         shading[opposed] = geometric[opposed]
         lengths = np.linalg.norm(shading, axis=1, keepdims=True)
         return positions, shading / np.where(lengths > 0, lengths, 1), geometric
 
 
-def taking_part(scene: Scene) -> Float64Array:
+def active_positions(scene: Scene) -> Float64Array:
     """Return the positions, (r, 3), of the faces that receive or occlude."""
     there = scene.receives | scene.occludes
     return scene.positions if there.all() else scene.positions[np.unique(scene.faces[there])]
 
 
-def centred(positions: Float64Array) -> Float64Array:
+def to_unit_sphere(positions: Float64Array) -> Float64Array:
     """Move and scale (v, 3) positions into the unit sphere about the middle of their box."""
     middle, radius = bounding_sphere(positions)
     scaled: Float64Array = (positions - middle) / radius

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def distinct_rows(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def unique_rows(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the distinct rows of arrays that stand side by side.
 
     columns  each (n,) or (n, c), numbers without NaN; rows are equal where all their numbers are (so 0.0 equals -0.0)
@@ -37,7 +37,7 @@ def distinct_rows(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class IndexedVertices:
     """Vertices made from corners.
 
     corner     (n,) for each vertex, a corner (counted through the faces) that has its values
@@ -48,11 +48,11 @@ class Split:
     triangles: NDArray[np.intp]
 
 
-def split_corners(*values: NDArray[Any]) -> Split:
+def corners_to_vertices(*values: NDArray[Any]) -> IndexedVertices:
     """Make one vertex for all corners that agree in all values, in the order in which the faces come to them.
 
     values   each (f, 3) or (f, 3, c) numbers at the corners
     """
     columns = [array.reshape(array.shape[0] * 3, -1) for array in values]
-    corner, which = distinct_rows(*columns)
-    return Split(corner, which.reshape(-1, 3))
+    corner, which = unique_rows(*columns)
+    return IndexedVertices(corner, which.reshape(-1, 3))

@@ -12,7 +12,7 @@ _APART = 0.01  # of the bounding diagonal: as near as two of the worst places ma
 
 
 @dataclass(frozen=True)
-class ErrorStatistics:
+class Errors:
     """Of texture minus reference, both ambient occlusion in [0, 1].
 
     rmse            root of the mean square
@@ -30,7 +30,7 @@ class ErrorStatistics:
 
 
 @dataclass(frozen=True)
-class WorstPoint:
+class Place:
     """One point and its error: position in the mesh's units, UV (v upwards), values in [0, 1]."""
 
     position: tuple[float, float, float]
@@ -44,17 +44,17 @@ class WorstPoint:
         return self.value - self.reference
 
 
-def error_statistics(differences: Float64Array) -> ErrorStatistics:
+def summarise(differences: Float64Array) -> Errors:
     """Describe (k,) errors, k >= 1."""
     sizes = np.abs(differences)
     p50, p95, p99 = np.percentile(sizes, [50, 95, 99])
     rmse = np.sqrt(np.mean(differences**2))
-    return ErrorStatistics(*map(float, (rmse, differences.mean(), p50, p95, p99, sizes.max())))
+    return Errors(*map(float, (rmse, differences.mean(), p50, p95, p99, sizes.max())))
 
 
-def errors_per_mip_level(
+def errors_at_levels(
     picture: Float32Array, uvs: Float64Array, reference: Float64Array, *, repeats: bool, levels: int = MIP_LEVELS
-) -> tuple[ErrorStatistics, ...]:
+) -> tuple[Errors, ...]:
     """Describe the errors of each level of a picture's mip chain, as far as there are so many.
 
     picture     (h, w), row 0 at v = 1
@@ -62,17 +62,17 @@ def errors_per_mip_level(
     reference   (k,) what a look-up should find there
     """
     chain = mip_chain(picture, levels)
-    return tuple(error_statistics(bilinear(level, uvs, repeats=repeats) - reference) for level in chain)
+    return tuple(summarise(bilinear(level, uvs, repeats=repeats) - reference) for level in chain)
 
 
-def worst_points(
+def worst_places(
     positions: Float64Array,
     uvs: Float64Array,
     values: Float64Array,
     reference: Float64Array,
     diagonal: float,
     count: int = 10,
-) -> tuple[WorstPoint, ...]:
+) -> tuple[Place, ...]:
     """Return the points of greatest error, the worst first, no two nearer than a hundredth of the bounding diagonal.
 
     Points without error are left out, so there may be fewer than `count`.
@@ -82,18 +82,18 @@ def worst_points(
     values      (k,) of the texture, as `reference` of the truth
     """
     left = np.abs(values - reference)
-    places: list[WorstPoint] = []
+    places: list[Place] = []
     while len(places) < count and left.max() > 0:
         at = int(left.argmax())
         x, y, z = positions[at].tolist()
         u, v = uvs[at].tolist()
-        places.append(WorstPoint((x, y, z), (u, v), float(values[at]), float(reference[at])))
+        places.append(Place((x, y, z), (u, v), float(values[at]), float(reference[at])))
         left[np.linalg.norm(positions - positions[at], axis=1) <= _APART * diagonal] = 0
     return tuple(places)
 
 
 @dataclass(frozen=True, eq=False)
-class TextureErrors:
+class Verified:
     """How far a texture is from ray tracing, at points spread uniformly over a surface.
 
     levels   the errors of each level of the texture's mip chain, full resolution first
@@ -103,8 +103,8 @@ class TextureErrors:
     errors   (k,) float64 there, at full resolution
     """
 
-    levels: tuple[ErrorStatistics, ...]
-    worst: tuple[WorstPoint, ...]
+    levels: tuple[Errors, ...]
+    worst: tuple[Place, ...]
     rays: int
     uvs: Float64Array
     errors: Float64Array

@@ -10,17 +10,17 @@ from aoprecalc.options import Estimator, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.types import Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
-from aoprecalc.visibility.rays import LIFT, RayCaster
+from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster
 
 _BLOCK = 1 << 20  # rays cast at a time: some 60 MB
 
 
-def stratified_ray_count(rays: int) -> int:
+def rays_used(rays: int) -> int:
     """Return how many rays stand for `rays`: the next square number, as they are stratified in a square grid."""
     return (math.isqrt(rays - 1) + 1) ** 2
 
 
-def reference_ao(
+def reference(
     scene: Scene, shading: Float32Array, points: SurfacePoints, options: VerifyOptions, progress: Progress
 ) -> Float64Array:
     """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
@@ -33,9 +33,9 @@ def reference_ao(
     Faces that are two-sided have the larger of both sides' values. Points done are counted on `progress`.
     Raises RendererError where rays cannot be cast.
     """
-    surface = NormalizedSurface.of(scene, shading)
+    surface = NormalizedSurface.from_scene(scene, shading)
     occluders = RayCaster(surface.occluders, options.threads)
-    places, normals, geometric = surface.at(points.faces, points.weights)
+    places, normals, geometric = surface.interpolate(points.faces, points.weights)
     values = _one_side(surface, occluders, places, normals, geometric, options, progress)
     backs = np.flatnonzero(scene.two_sided[points.faces])
     behind = _one_side(surface, occluders, places[backs], -normals[backs], -geometric[backs], options, Progress())
@@ -52,7 +52,7 @@ def _one_side(
     options: VerifyOptions,
     progress: Progress,
 ) -> Float64Array:
-    rays = stratified_ray_count(options.rays)
+    rays = rays_used(options.rays)
     rng = np.random.default_rng(options.seed)
     values = np.empty(len(places))
     step = max(1, _BLOCK // rays)
@@ -61,9 +61,9 @@ def _one_side(
         upward = geometric[block].astype(np.float32)
         directions = _hemispheres(normals[block], rays, rng)
         in_front = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
-        origins = np.repeat((places[block] + LIFT * geometric[block]).astype(np.float32), rays, axis=0)
+        origins = np.repeat((places[block] + RAY_OFFSET * geometric[block]).astype(np.float32), rays, axis=0)
         hidden = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
-        seen = in_front & ~hidden & ~surface.is_below(directions)
+        seen = in_front & ~hidden & ~surface.is_below_ground(directions)
         values[block] = _share(seen.sum(axis=1), in_front.sum(axis=1), rays, options.estimator)
         progress.advance(len(upward))
     return values

@@ -21,18 +21,10 @@ from aoprecalc import __version__
 from aoprecalc.errors import AoprecalcError, UsageError
 from aoprecalc.io import input_files
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.dask_worker import (
-    BatchSettings,
-    WorkerInfo,
-    end,
-    evaluate_remotely,
-    run_in_shared_folder,
-    run_on_bytes,
-    worker_info,
-)
+from aoprecalc.pipeline.dask_worker import Place, Terms, end, look_around, look_elsewhere, work_in_folder, work_on_bytes
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
 from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
-from aoprecalc.pipeline.workers import JobEvent
+from aoprecalc.pipeline.workers import Event
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
 from aoprecalc.types import Float32Array
@@ -70,27 +62,27 @@ def open_client(address: str) -> Iterator[Any]:
 
 
 @contextmanager
-def open_dask_pool(options: BatchOptions) -> Iterator["DaskPool"]:
+def open_cluster(options: BatchOptions) -> Iterator["ClusterCrew"]:
     """Open the crew of `options.scheduler`; raises what `open_client` does."""
     assert options.scheduler is not None
     with open_client(options.scheduler) as client:
-        crew = DaskPool(client, options)
+        crew = ClusterCrew(client, options)
         try:
             yield crew
         finally:
             crew.leave()
 
 
-class DaskPool:
+class ClusterCrew:
     """Workers of a cluster, each of whose threads has a process for the jobs that it gets."""
 
     def __init__(self, client: Any, options: BatchOptions) -> None:
         """Have the workers that a client knows, and those that come."""
         self._client, self._options = client, options
         self._batch = secrets.token_hex(8)
-        self.threads = threads_per_job(client)
+        self.threads = threads_of_a_job(client)
 
-    def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
+    def run(self, jobs: Sequence[Job]) -> Generator[Event]:
         """See Crew; the stages of jobs are not told."""
         send = self._sender(jobs)
         left = iter(jobs)
@@ -107,11 +99,11 @@ class DaskPool:
                     future = self._next(done)
                 except Exception as error:  # whatever a client raises whose scheduler is gone
                     for job in waiting.values():
-                        yield JobEvent(job, outcome=_lost(job, str(error)))
+                        yield Event(job, outcome=_lost(job, str(error)))
                     return
                 job = under_way.pop(future)
                 del waiting[job.name]
-                yield JobEvent(job, outcome=_outcome(job, future))
+                yield Event(job, outcome=_outcome(job, future))
         finally:
             with suppress(Exception):
                 self._client.cancel(list(under_way))
@@ -144,14 +136,14 @@ class DaskPool:
             )
         in_folder = ship == "folder" or (ship == "auto" and all(place.sees for place in places))
         on_gpus = any(place.gpus for place in places)
-        terms = BatchSettings(self._batch, __version__, self._options.timeout, self._options.retries)
+        terms = Terms(self._batch, __version__, self._options.timeout, self._options.retries)
 
         def send(job: Job) -> Any:
-            resources = {"GPU": 1} if on_gpus and job.spec.bake is not None else None
+            resources = {"GPU": 1} if on_gpus and job.order.bake is not None else None
             how: dict[str, Any] = {"pure": False, "retries": self._options.retries, "resources": resources}
             if in_folder:
-                return self._client.submit(run_in_shared_folder, job, terms, **how)
-            return self._client.submit(run_on_bytes, job, _inputs(job), terms, **how)
+                return self._client.submit(work_in_folder, job, terms, **how)
+            return self._client.submit(work_on_bytes, job, _inputs(job), terms, **how)
 
         return send
 
@@ -160,7 +152,7 @@ class DaskPool:
         return sum(self._client.nthreads().values())
 
 
-def threads_per_job(client: Any) -> int:
+def threads_of_a_job(client: Any) -> int:
     """Return how many threads each job may use for all jobs of a machine to have a core."""
     nthreads = client.nthreads()
     jobs: Counter[str] = Counter()
@@ -171,10 +163,10 @@ def threads_per_job(client: Any) -> int:
     return max(1, min((cores[host] // jobs[host] for host in cores), default=1))
 
 
-def _look(client: Any, folder: str) -> dict[str, WorkerInfo]:
+def _look(client: Any, folder: str) -> dict[str, Place]:
     """Look at each worker; raises AoprecalcError where one cannot work for this batch."""
     try:
-        places: dict[str, WorkerInfo] = client.run(worker_info, folder)
+        places: dict[str, Place] = client.run(look_around, folder)
     except Exception as error:  # whatever hinders a worker to load the package
         reason = " ".join(str(error).split())[:160]
         raise AoprecalcError(
@@ -226,16 +218,16 @@ def _outcome(job: Job, future: Any) -> Outcome:
 # A sight that is spread over the workers of a cluster: each looks along some groups of axes.
 
 
-class DaskVisibility(AbstractContextManager["DaskVisibility"]):
+class ClusterVisibility(AbstractContextManager["ClusterVisibility"]):
     """Opens sights that are spread over a cluster, for the length of a `with` block."""
 
     def __init__(self, scheduler: str, shown: str) -> None:
         """Connect to a scheduler; `shown` is what messages call the work. Raises what `open_client` does."""
         with ExitStack() as stack:
             self._client = stack.enter_context(open_client(scheduler))
-            self._threads = threads_per_job(self._client)
+            self._threads = threads_of_a_job(self._client)
             self._stack = stack.pop_all()
-        self._shown, self._terms = shown, BatchSettings(secrets.token_hex(8), __version__)
+        self._shown, self._terms = shown, Terms(secrets.token_hex(8), __version__)
         self._sights: list[DistributedVisibility] = []
 
     def __exit__(
@@ -250,8 +242,8 @@ class DaskVisibility(AbstractContextManager["DaskVisibility"]):
         self, site: BakeSetup, side: SurfaceSide, shadow_size: int, most: int, progress: Progress
     ) -> "DistributedVisibility":
         """Have the workers begin to look; see OpenSight."""
-        options = replace(site.subject.options, threads=self._threads)
-        subject = replace(site.subject, scene=replace(site.subject.scene, document=None), options=options)
+        options = replace(site.inputs.options, threads=self._threads)
+        subject = replace(site.inputs, scene=replace(site.inputs.scene, document=None), options=options)
         sent = self._client.scatter(pickle.dumps(subject), hash=False, broadcast=True)
         held = chunks(len(side.texels), most)
         name, number = secrets.token_hex(8), site.sides.index(side)
@@ -260,7 +252,7 @@ class DaskVisibility(AbstractContextManager["DaskVisibility"]):
             for run in held:
                 glance = VisibilityTask(self._shown, name, b"", number, group, run.start, run.stop, most, shadow_size)
                 futures[group, run.start] = self._client.submit(
-                    evaluate_remotely, glance, sent, self._terms, pure=False, priority=-len(futures)
+                    look_elsewhere, glance, sent, self._terms, pure=False, priority=-len(futures)
                 )
         self._sights.append(DistributedVisibility(site, futures, progress))
         return self._sights[-1]
@@ -273,7 +265,7 @@ class DistributedVisibility:
         """Have the futures of (group, first texel of a run)."""
         self._site, self._futures, self._progress = site, futures, progress
 
-    def sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
+    def visibility_sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
         """See Sight; raises AoprecalcError where a worker could not look."""
         future = self._futures.pop((group, held.start))
         try:

@@ -63,8 +63,8 @@ class VisibilityWorker:
             site, sight = self._turn_to(glance)
             held = slice(glance.start, glance.stop)
             samples = site.samples(site.sides[glance.side], held, glance.group)
-            sums = sight.sums(samples, held, glance.group)
-            site.backend.check()
+            sums = sight.visibility_sums(samples, held, glance.group)
+            site.backend.check_errors()
         except (AoprecalcError, MemoryError, OSError) as error:
             return Failure("error", f"{glance.shown}: {error}", getattr(error, "exit_code", 1))
         return VisibilitySums(np.asarray(sums))

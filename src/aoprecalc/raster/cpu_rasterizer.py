@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.raster.layout import Layout, least_weights, off_borders
+from aoprecalc.raster.layout import Layout, min_corner_weights, move_off_borders
 from aoprecalc.raster.samples import (
     ASIDE,
     BORDER_DEPTH,
@@ -13,12 +13,12 @@ from aoprecalc.raster.samples import (
     INSET,
     INWARD,
     Samples,
-    bands,
-    in_blocks,
-    kept_inside,
+    clamp_barycentric,
+    order_in_blocks,
+    row_bands,
 )
-from aoprecalc.raster.spans import Longs, counted_out, edge_squares, snap, triangle_spans
-from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
+from aoprecalc.raster.spans import edge_texels, expand_counts, snap_to_grid, triangle_spans
+from aoprecalc.types import BoolArray, Float32Array, Int32Array, Int64Array, Texels
 
 _DEPTH_STEPS = 2.0**24 - 1.0  # of the depth buffer that `raster` draws with
 _NUMBER_BITS = 32  # what the number of a border takes, below its depth
@@ -27,8 +27,8 @@ _NOTHING = np.iinfo(np.int64).max
 _PIECE = 1 << 15  # texels whose weights are computed at a time; measured: a quarter faster than with many more
 
 
-class ScanlineRaster:
-    """Finds what `raster.Raster` finds, where no OpenGL is.
+class CPURasterizer:
+    """Finds what `GLRasterizer` finds, where no OpenGL is.
 
     Works in single precision where the shaders do. The two differ only where borders are as good as equally near, and
     by a hair along edges of triangles that reach beyond a band, which OpenGL cuts there. Takes, beyond what it returns,
@@ -38,8 +38,8 @@ class ScanlineRaster:
     def __init__(self, layout: Layout) -> None:
         """Prepare what does not depend on where texels are sampled."""
         self.layout = layout
-        self._least = least_weights(layout)
-        self._bands = bands(layout.width, layout.height)
+        self._least = min_corner_weights(layout)
+        self._bands = row_bands(layout.width, layout.height)
         a, b, c = layout.triangles.transpose(1, 2, 0)
         # Rows of one number for each triangle: where it starts, its two sides from there, and twice its area.
         self._triangles = np.stack([*a, *(b - a), *(c - a), _cross(b - a, c - a)])
@@ -52,10 +52,10 @@ class ScanlineRaster:
         layout, found = self.layout, []
         for row, rows in self._bands:
             covered = self._counts(row, rows) > 0
-            for border, at, column in edge_squares(self._edges, layout.width, row, rows):
+            for border, at, column in edge_texels(self._edges, layout.width, row, rows):
                 touched = self._meet(border, _low_corners(at, column), CENTER)[2]
                 covered[((at - row) * layout.width + column)[touched]] = True
-            found.append((in_blocks(np.flatnonzero(covered), layout.width) + row * layout.width).astype(np.int32))
+            found.append((order_in_blocks(np.flatnonzero(covered), layout.width) + row * layout.width).astype(np.int32))
         return Texels(layout.width, layout.height, np.concatenate(found))
 
     def overlap(self) -> float:
@@ -72,7 +72,7 @@ class ScanlineRaster:
         layout, index = self.layout, texels.index
         faces, weights = np.full(len(texels), -1, np.int32), np.zeros((len(texels), 3), np.float32)
         weights[:, 0] = 1
-        corners = snap(layout.triangles, sample_at)
+        corners = snap_to_grid(layout.triangles, sample_at)
         kinds = (
             (0, len(layout.faces), layout.faces, self._weights_inside),
             (len(layout.faces), _NOTHING, layout.border_faces, self._weights_beside),
@@ -88,20 +88,20 @@ class ScanlineRaster:
                     texel, number = piece[of_kind], seen[of_kind] & _NUMBER
                     faces[texel] = of[number]
                     square = _low_corners(*np.divmod(index[texel], layout.width))
-                    weights[texel] = kept_inside(weigh(number, square, sample_at))
-        return Samples(faces, off_borders(weights, faces, self._least))
+                    weights[texel] = clamp_barycentric(weigh(number, square, sample_at))
+        return Samples(faces, move_off_borders(weights, faces, self._least))
 
     def _counts(self, row: int, rows: int) -> NDArray[np.int32]:
         """How many triangles lie over the centre of each texel of a band, (rows * width,)."""
         width = self.layout.width
         changes = np.zeros(rows * width + 1, np.int32)
-        for _, first, length in triangle_spans(snap(self.layout.triangles, CENTER), width, row, rows):
+        for _, first, length in triangle_spans(snap_to_grid(self.layout.triangles, CENTER), width, row, rows):
             # Measured: ten times faster than to add a plain 1, which is not of the array's own type.
             np.add.at(changes, first, np.int32(1))
             np.subtract.at(changes, first + length, np.int32(1))
         return np.cumsum(changes[:-1], dtype=np.int32)
 
-    def _draw(self, corners: Longs, row: int, rows: int, sample_at: tuple[float, float]) -> Longs:
+    def _draw(self, corners: Int64Array, row: int, rows: int, sample_at: tuple[float, float]) -> Int64Array:
         """What is seen at each texel of a band, (rows * width,) int64: least is in front, and first drawn on ties.
 
         The number of a triangle, or that of a border below its depth; _NOTHING where there is neither.
@@ -109,9 +109,9 @@ class ScanlineRaster:
         width = self.layout.width
         drawn = np.full(rows * width, _NOTHING)
         for triangle, first, length in triangle_spans(corners, width, row, rows):
-            for span, step in counted_out(length):
+            for span, step in expand_counts(length):
                 np.minimum.at(drawn, first[span] + step, triangle[span])
-        for border, at, column in edge_squares(self._edges, width, row, rows):
+        for border, at, column in edge_texels(self._edges, width, row, rows):
             _, distance, touched = self._meet(border, _low_corners(at, column), sample_at)
             depth = ((BORDER_DEPTH + DISTANCE_DEPTH * distance[touched]) * _DEPTH_STEPS).astype(np.int64)
             seen = depth << _NUMBER_BITS | border[touched]
@@ -119,7 +119,7 @@ class ScanlineRaster:
         return drawn
 
     def _meet(
-        self, border: Longs, square: Float32Array, sample_at: tuple[float, float]
+        self, border: Int64Array, square: Float32Array, sample_at: tuple[float, float]
     ) -> tuple[Float32Array, Float32Array, BoolArray]:
         """Where (n,) borders, within squares with low corners (2, n), are nearest to samples: see border.frag.glsl.
 
@@ -141,7 +141,9 @@ class ScanlineRaster:
         share: Float32Array = np.clip(nearest, enter, leave)
         return share, _length(wanted - (starts + share * alongs)), touched & (enter <= leave)
 
-    def _weights_inside(self, triangle: Longs, square: Float32Array, sample_at: tuple[float, float]) -> Float32Array:
+    def _weights_inside(
+        self, triangle: Int64Array, square: Float32Array, sample_at: tuple[float, float]
+    ) -> Float32Array:
         """The weights, (2, n), of the second and third corner of triangles at samples: see triangle.frag.glsl."""
         start, to_b, to_c, (whole,) = np.split(self._triangles[:, triangle], [2, 4, 6])
         wanted = square + np.asarray(sample_at, np.float32)[:, None] - start
@@ -149,7 +151,7 @@ class ScanlineRaster:
         weights: Float32Array = np.stack([_cross(wanted, to_c), _cross(to_b, wanted)]) / whole
         return weights
 
-    def _weights_beside(self, border: Longs, square: Float32Array, sample_at: tuple[float, float]) -> Float32Array:
+    def _weights_beside(self, border: Int64Array, square: Float32Array, sample_at: tuple[float, float]) -> Float32Array:
         """The weights, (2, n), of the second and third corner of borders' faces at the borders' samples."""
         along_share = self._meet(border, square, sample_at)[0]
         start, along, apex = np.split(self._borders[:, border], 3)
@@ -174,7 +176,7 @@ def _pulled_inward(along: Float32Array, inward: Float32Array) -> Float32Array:
     return share
 
 
-def _low_corners(row: Int32Array | Longs, column: Int32Array | Longs) -> Float32Array:
+def _low_corners(row: Int32Array | Int64Array, column: Int32Array | Int64Array) -> Float32Array:
     """The low corners, (2, n), of the squares of texels."""
     return np.stack([column, row]).astype(np.float32)
 

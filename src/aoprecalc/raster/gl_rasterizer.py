@@ -5,14 +5,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.gl.shaders import draw_program
-from aoprecalc.raster.layout import Layout, least_weights, off_borders
-from aoprecalc.raster.samples import BORDER_RULES, CENTER, GRID, Samples, bands, in_blocks, kept_inside
+from aoprecalc.raster.layout import Layout, min_corner_weights, move_off_borders
+from aoprecalc.raster.samples import BORDER_RULES, CENTER, GRID, Samples, clamp_barycentric, order_in_blocks, row_bands
 from aoprecalc.types import Float32Array, Texels
 
 _PACKAGE = "aoprecalc.raster"
 
 
-class Raster:
+class GLRasterizer:
     """Draws a layout, band by band, into one float target of (face + 1, weight of corner 1, weight of corner 2, 0).
 
     Triangles are sampled as any rasteriser does, except that the sample may lie anywhere in the texel's square; borders
@@ -24,8 +24,8 @@ class Raster:
         """Upload the layout."""
         self.layout = layout
         self._context = context
-        self._least = least_weights(layout)
-        self._bands = bands(layout.width, layout.height)
+        self._least = min_corner_weights(layout)
+        self._bands = row_bands(layout.width, layout.height)
         size = (layout.width, self._bands[0][1])
         self._surface = context.texture(size, 4, dtype="f4")
         self._depth = context.depth_renderbuffer(size)
@@ -51,7 +51,7 @@ class Raster:
         """Return the texels whose square the surface touches."""
         layout, found = self.layout, []
         for row, rows in self._bands:
-            inside = in_blocks(np.flatnonzero(self._read(row, rows, CENTER)[:, 0]), layout.width)
+            inside = order_in_blocks(np.flatnonzero(self._read(row, rows, CENTER)[:, 0]), layout.width)
             found.append((inside + row * layout.width).astype(np.int32))
         return Texels(layout.width, layout.height, np.concatenate(found))
 
@@ -67,7 +67,7 @@ class Raster:
                     continue
             found = self._read(row, rows, sample_at)[texels.index[band] - start]
             faces[band] = found[:, 0].astype(np.int32) - 1
-            weights[band] = off_borders(kept_inside(found[:, 1:3].T), faces[band], self._least)
+            weights[band] = move_off_borders(clamp_barycentric(found[:, 1:3].T), faces[band], self._least)
         return Samples(faces, weights)
 
     def overlap(self) -> float:

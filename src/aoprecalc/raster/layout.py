@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.mesh.normals import area_vectors
-from aoprecalc.mesh.topology import borders, islands
-from aoprecalc.mesh.unit_sphere import centred
+from aoprecalc.mesh.topology import boundary_edges, face_components
+from aoprecalc.mesh.unit_sphere import to_unit_sphere
 from aoprecalc.raster.samples import ASIDE, DEEPEST, INWARD, Samples
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
 
-MOST_TILES = 4  # repeats of the texture that a face may span; more are not drawn
+MAX_TILES = 4  # repeats of the texture that a face may span; more are not drawn
 _BEYOND = 1e-6  # by which rounding may move UVs out of [0, 1]
 
 
@@ -34,12 +34,12 @@ class Layout:
     border_corners: Int32Array
 
 
-def lay_out(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
+def build_layout(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
     """Place the faces that the atlas covers into a texture of width x height texels."""
     faces = np.flatnonzero(atlas.mapped).astype(np.int32)
     uvs = atlas.uvs[faces]
-    is_border = borders(corner_ids(scene.faces[faces], uvs))
-    if atlas.wraps:
+    is_border = boundary_edges(corner_ids(scene.faces[faces], uvs))
+    if atlas.repeats:
         uvs, source = _wrap(uvs)
         faces, is_border = faces[source], is_border[source]
     triangles = (uvs * (width, -height) + (0.0, height)).astype(np.float32)
@@ -48,12 +48,12 @@ def lay_out(scene: Scene, atlas: Atlas, width: int, height: int) -> Layout:
     return Layout(width, height, triangles, faces, border_places, faces[face], corner.astype(np.int32))
 
 
-def as_atlas(scene: Scene, uvs: Float64Array, mapped: BoolArray) -> Atlas:
+def atlas_from_uvs(scene: Scene, uvs: Float64Array, mapped: BoolArray) -> Atlas:
     """Take UVs as they are, (f, 3, 2), for the atlas of the faces in `covers`, (f,) bool, of which there are some."""
     used = uvs[mapped]
     repeats = bool(used.min() < -_BEYOND or used.max() > 1 + _BEYOND)
-    charts = int(islands(corner_ids(scene.faces[mapped], used)).max()) + 1
-    return Atlas("keep", uvs, mapped, charts, wraps=repeats)
+    charts = int(face_components(corner_ids(scene.faces[mapped], used)).max()) + 1
+    return Atlas("keep", uvs, mapped, charts, repeats=repeats)
 
 
 def corner_ids(faces: Int32Array, uvs: Float64Array) -> Int32Array:
@@ -69,10 +69,10 @@ def corner_ids(faces: Int32Array, uvs: Float64Array) -> Int32Array:
 def _wrap(uvs: Float64Array) -> tuple[Float64Array, Int32Array]:
     """Move every triangle into the unit square, once for each tile that it reaches; also returns which one each was."""
     based = uvs - np.floor(uvs.min(axis=1, keepdims=True))
-    reach = np.minimum(np.ceil(based.max(axis=1)), MOST_TILES)
+    reach = np.minimum(np.ceil(based.max(axis=1)), MAX_TILES)
     placed, source = [based], [np.arange(len(uvs))]
-    for tile_u in range(MOST_TILES):
-        for tile_v in range(MOST_TILES):
+    for tile_u in range(MAX_TILES):
+        for tile_v in range(MAX_TILES):
             if tile_u == tile_v == 0:
                 continue
             reaches = np.flatnonzero((reach[:, 0] > tile_u) & (reach[:, 1] > tile_v))
@@ -84,10 +84,10 @@ def _wrap(uvs: Float64Array) -> tuple[Float64Array, Int32Array]:
 # Where samples lie in the texture, and how much surface they stand for.
 
 
-def places(atlas: Atlas, texels: Texels, samples: Samples) -> Float32Array:
+def texel_positions(atlas: Atlas, texels: Texels, samples: Samples) -> Float32Array:
     """Return where samples lie, (k, 2) float32 texels right and down; any place for those without a face."""
     # Near the origin first: 32 bits do not resolve a texel far from it, and which repeat it is does not matter.
-    uvs = atlas.uvs - np.floor(atlas.uvs.min(axis=1, keepdims=True)) if atlas.wraps else atlas.uvs
+    uvs = atlas.uvs - np.floor(atlas.uvs.min(axis=1, keepdims=True)) if atlas.repeats else atlas.uvs
     corners = (uvs * (texels.width, -texels.height) + (0.0, texels.height)).astype(np.float32)
     # From the first corner along both sides: half the time of a sum over three corners.
     sides = corners[:, 1:] - corners[:, :1]
@@ -97,12 +97,12 @@ def places(atlas: Atlas, texels: Texels, samples: Samples) -> Float32Array:
     return where
 
 
-def surface_of_texel(scene: Scene, atlas: Atlas, texels: Texels) -> Float64Array:
+def area_per_texel(scene: Scene, atlas: Atlas, texels: Texels) -> Float64Array:
     """Return the area of surface that a sample on each face stands for, (f,) float64, with the mesh in the unit sphere.
 
     A face of less than a texel is taken for one, as it has hardly more than one sample.
     """
-    surface = np.linalg.norm(area_vectors(centred(scene.positions)[scene.faces]), axis=1) / 2
+    surface = np.linalg.norm(area_vectors(to_unit_sphere(scene.positions)[scene.faces]), axis=1) / 2
     first, second = atlas.uvs[:, 1] - atlas.uvs[:, 0], atlas.uvs[:, 2] - atlas.uvs[:, 0]
     share = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
     stands_for: Float64Array = surface / np.maximum(share * texels.width * texels.height, 1.0)
@@ -112,7 +112,7 @@ def surface_of_texel(scene: Scene, atlas: Atlas, texels: Texels) -> Float64Array
 # Keeps samples off chart borders: at a crease, a point there would lie in the very wall that ought to hide it.
 
 
-def least_weights(layout: Layout) -> Float32Array:
+def min_corner_weights(layout: Layout) -> Float32Array:
     """Return how much of each corner the samples on a face must have, (f, 3) float32, 0 where no border is opposite.
 
     f is one more than the greatest face of the layout. A border's samples lie INWARD texels from it, or less where the
@@ -129,7 +129,7 @@ def least_weights(layout: Layout) -> Float32Array:
     return least
 
 
-def off_borders(weights: Float32Array, faces: Int32Array, least: Float32Array) -> Float32Array:
+def move_off_borders(weights: Float32Array, faces: Int32Array, least: Float32Array) -> Float32Array:
     """Return (n, 3) weights of samples moved away from the borders of their faces; -1 is no face."""
     bordering = np.append(least.any(axis=1), False)  # the last one for those without a face
     close = np.flatnonzero(bordering[faces])

@@ -11,11 +11,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aoprecalc.types import BoolArray, Float32Array, Float64Array
-
-Indices = NDArray[np.int64]
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array
 
 # How much the picture that is improved counts beside one sample; it decides where samples hardly reach a texel.
 # From 0.02 to 1 the errors on two meshes were the same to 1%; more of it passes on less of the samples' noise.
@@ -31,12 +28,12 @@ _TAPS = ((0, 0), (0, 1), (1, 0), (1, 1))  # (down, right): the texels of a look-
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
-class Reconstruction:
+class LeastSquaresImage:
     """Collects measurements at places of a texture, and improves a picture to fit them."""
 
-    def __init__(self, width: int, height: int, *, wraps: bool) -> None:
-        """Start with no measurements; `wraps`: look-ups beyond an edge go round, else they stay at the edge."""
-        self._shape, self._wraps = (height, width), wraps
+    def __init__(self, width: int, height: int, *, repeats: bool) -> None:
+        """Start with no measurements; `repeats`: look-ups beyond an edge go round, else they stay at the edge."""
+        self._shape, self._repeats = (height, width), repeats
         self._targets: Float32Array = np.zeros(self._shape, np.float32)
         self._diagonal: Float32Array = np.zeros(self._shape, np.float32)
         self._beside = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
@@ -45,7 +42,7 @@ class Reconstruction:
         self._spot: tuple[float, float] | None = None
         self._pattern: tuple[Float32Array, ...] = ()
 
-    def add(
+    def add_samples(
         self, places: Float32Array, values: Float32Array, weights: Float64Array, spot: tuple[float, float] | None = None
     ) -> None:
         """Add measurements: (m, 2) float32 places in texels (right, down), (m,) values and (m,) weights >= 0.
@@ -67,13 +64,13 @@ class Reconstruction:
             places, values, weights = places[~there], values[~there], weights[~there]
         self._add_each(places, values, weights)
 
-    def touched(self) -> BoolArray:
+    def sampled_texels(self) -> BoolArray:
         """Return which texels a look-up at any of the places reads, (height, width)."""
         self._add_pattern()
         mask: BoolArray = self._diagonal > 0
         return mask
 
-    def means(self) -> Float32Array:
+    def mean_image(self) -> Float32Array:
         """Return the mean of what the look-ups that read a texel measured, by their shares; 0 where none reads it.
 
         (height, width) float32. It is of the surface alone that reads the texel, whatever lies nearer to it.
@@ -84,7 +81,7 @@ class Reconstruction:
         )  # shares add up to 1: sums of weight * share
         return np.divide(self._targets, reads, out=np.zeros_like(reads), where=reads > 0)
 
-    def improve(self, picture: Float32Array) -> Float32Array:
+    def solve(self, picture: Float32Array) -> Float32Array:
         """Return the (height, width) float32 picture nearest to the measurements, by conjugate gradients.
 
         Texels that no look-up reads stay as they are; where all measurements agree with `picture` so do the others.
@@ -111,7 +108,7 @@ class Reconstruction:
             direction = scaled + np.float32(power / before) * direction
         return picture + change
 
-    def _at(self, spot: tuple[float, float], places: Float32Array) -> tuple[BoolArray, Indices]:
+    def _at(self, spot: tuple[float, float], places: Float32Array) -> tuple[BoolArray, Int64Array]:
         """Return which places lie at the spot of their texel, away from the picture's edges, and all their texels."""
         height, width = self._shape
         there: BoolArray = np.ones(len(places), bool)
@@ -161,17 +158,17 @@ class Reconstruction:
                 if other in taps:
                     _scatter(plane, texels, which, weighted * taps[other][1])
 
-    def _taps(self, places: Float32Array) -> Iterator[tuple[tuple[int, int], tuple[Indices, Float32Array]]]:
+    def _taps(self, places: Float32Array) -> Iterator[tuple[tuple[int, int], tuple[Int64Array, Float32Array]]]:
         """Yield the four texels of a look-up: where each lies (down, right), its flat indices and its shares."""
         height, width = self._shape
         half = np.float32(0.5)
         right, down = places[:, 0] - half, places[:, 1] - half
-        if not self._wraps:
+        if not self._repeats:
             right, down = np.clip(right, 0, width - 1), np.clip(down, 0, height - 1)
         column, row = np.floor(right), np.floor(down)
         along, below = right - column, down - row
         first = column.astype(np.int64), row.astype(np.int64)
-        if self._wraps:
+        if self._repeats:
             columns, rows = ((at % size, (at + 1) % size) for at, size in zip(first, (width, height), strict=True))
         else:  # at the last texel the look-up reads nothing beyond it
             columns, rows = (
@@ -190,7 +187,7 @@ class Reconstruction:
         return result
 
 
-def _scatter(plane: Float32Array, texels: Indices, which: Indices, values: Float64Array) -> None:
+def _scatter(plane: Float32Array, texels: Int64Array, which: Int64Array, values: Float64Array) -> None:
     """Add each value to one of the texels, which are distinct."""
     plane.reshape(-1)[texels] += np.bincount(which, values, minlength=len(texels)).astype(np.float32)
 

@@ -6,14 +6,14 @@ import numpy as np
 from scipy import ndimage
 
 from aoprecalc.options import Fill
-from aoprecalc.raster.least_squares import Reconstruction
+from aoprecalc.raster.least_squares import LeastSquaresImage
 from aoprecalc.types import BoolArray, Float32Array, Texels, Texture
 
 _BAND_ROWS = 512
 
 
 @dataclass(frozen=True, eq=False)
-class Painting:
+class ResolvedTexture:
     """A picture of the texels that the surface needs, before its gutters.
 
     values   (height, width) float32 in [0, 1], 0 where not known
@@ -26,7 +26,9 @@ class Painting:
     valid: BoolArray
 
 
-def paint(texels: Texels, values: Float32Array, measured: BoolArray, reconstruction: Reconstruction) -> Painting:
+def resolve_texels(
+    texels: Texels, values: Float32Array, measured: BoolArray, reconstruction: LeastSquaresImage
+) -> ResolvedTexture:
     """Put the means of texels, (k,) float32 in [0, 1], into a picture; only the measured ones, (k,) bool, count.
 
     reconstruction   what was measured, as darkness (1 - value): the picture is improved to fit it
@@ -35,28 +37,30 @@ def paint(texels: Texels, values: Float32Array, measured: BoolArray, reconstruct
     valid: BoolArray = np.zeros(picture.shape, bool)
     index = texels.index[measured]
     picture.ravel()[index], valid.ravel()[index] = values[measured], True
-    known = valid | reconstruction.touched()
-    start = np.where(valid, 1 - picture, reconstruction.means())  # as darkness: open surfaces stay exactly so
-    improved = np.clip(1 - reconstruction.improve(start), 0, 1)
-    return Painting(np.where(known, improved, np.float32(0)), known, valid)
+    known = valid | reconstruction.sampled_texels()
+    start = np.where(valid, 1 - picture, reconstruction.mean_image())  # as darkness: open surfaces stay exactly so
+    improved = np.clip(1 - reconstruction.solve(start), 0, 1)
+    return ResolvedTexture(np.where(known, improved, np.float32(0)), known, valid)
 
 
-def lighter(first: Painting, second: Painting) -> Painting:
+def lighter_of_sides(first: ResolvedTexture, second: ResolvedTexture) -> ResolvedTexture:
     """Return the greater of two paintings at every texel."""
-    return Painting(np.maximum(first.values, second.values), first.known | second.known, first.valid | second.valid)
+    return ResolvedTexture(
+        np.maximum(first.values, second.values), first.known | second.known, first.valid | second.valid
+    )
 
 
-def finish(painting: Painting, padding: int, fill: Fill, *, wraps: bool = False) -> Texture:
+def pad_and_fill(painting: ResolvedTexture, padding: int, fill: Fill, *, repeats: bool = False) -> Texture:
     """Return the finished picture.
 
     padding   texels in the gutter take the value of the nearest known texel at most this far away
     fill      the remaining texels: mean (of the valid ones; source, 1.1.3), pushpull or none (0)
-    wraps     the texture repeats, so that padding goes round its edges
+    repeats     the texture repeats, so that padding goes round its edges
     """
     valid = painting.valid
     if not valid.any():
         return Texture(painting.values, valid)
-    padded, known = pad(painting.values, painting.known, padding, wraps=wraps)
+    padded, known = pad(painting.values, painting.known, padding, repeats=repeats)
     if fill == "mean":
         padded[~known] = painting.values[valid].mean(dtype=np.float64)
     elif fill == "pushpull":
@@ -64,7 +68,9 @@ def finish(painting: Painting, padding: int, fill: Fill, *, wraps: bool = False)
     return Texture(padded, valid)
 
 
-def pad(picture: Float32Array, valid: BoolArray, reach: int, *, wraps: bool = False) -> tuple[Float32Array, BoolArray]:
+def pad(
+    picture: Float32Array, valid: BoolArray, reach: int, *, repeats: bool = False
+) -> tuple[Float32Array, BoolArray]:
     """Extend valid texels by `reach` texels; returns the picture and the mask of all texels that now have a value.
 
     Each new texel copies the nearest valid one, so charts never mix. Texels farther away are 0.
@@ -72,7 +78,7 @@ def pad(picture: Float32Array, valid: BoolArray, reach: int, *, wraps: bool = Fa
     if not reach:
         return picture.copy(), valid.copy()
     height, width = valid.shape
-    sides = (min(reach, height), min(reach, width)) if wraps else (0, 0)
+    sides = (min(reach, height), min(reach, width)) if repeats else (0, 0)
     margin = [(side, side) for side in sides]
     source: Float32Array = np.pad(picture, margin, mode="wrap")
     mask: BoolArray = np.pad(valid, margin, mode="wrap")

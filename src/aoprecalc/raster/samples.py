@@ -11,7 +11,7 @@ from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
 _BITS = 11  # of a coordinate
 
 
-def z_order(cells: NDArray[np.integer]) -> NDArray[np.int64]:
+def morton_codes(cells: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return where cells, (n, d) whole numbers in 0 .. 2047, d at most 5, come along the curve, (n,) int64."""
     places: NDArray[np.int64] = np.zeros(len(cells), np.int64)
     count = cells.shape[1]
@@ -61,15 +61,15 @@ class Samples:
     weights: Float32Array
 
 
-def only(samples: Samples, faces: BoolArray) -> Samples:
+def keep_faces(samples: Samples, faces: BoolArray) -> Samples:
     """Return the samples without those that lie on other faces than these, (f,) bool."""
     away = (samples.faces < 0) | ~faces[samples.faces]
     weights = np.where(away[:, None], np.array((1, 0, 0), np.float32), samples.weights)
     return Samples(np.where(away, np.int32(-1), samples.faces), weights)
 
 
-class TexelSampler(Protocol):
-    """Finds the surface under the texels of a layout. There are two: Raster, by OpenGL, and ScanlineRaster, without."""
+class Rasterizer(Protocol):
+    """Finds the surface under the texels of a layout. GLRasterizer uses OpenGL, CPURasterizer does not."""
 
     def coverage(self) -> Texels:
         """Return the texels whose square the surface touches."""
@@ -84,7 +84,7 @@ class TexelSampler(Protocol):
         ...
 
 
-def bands(width: int, height: int) -> list[tuple[int, int]]:
+def row_bands(width: int, height: int) -> list[tuple[int, int]]:
     """Cut a texture into runs of whole rows that are drawn at a time: the first row of each, and how many there are.
 
     Each has at most BAND_TEXELS texels, or one row. Only the last may have fewer rows than the first.
@@ -93,15 +93,15 @@ def bands(width: int, height: int) -> list[tuple[int, int]]:
     return [(row, min(rows, height - row)) for row in range(0, height, rows)]
 
 
-def in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+def order_in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     """Order texels by squares of the picture along a Z-order curve: neighbours read the same part of a map."""
     row, column = (at // _BLOCK for at in np.divmod(index, width))
     across = -(-width // _BLOCK)
     blocks = np.column_stack(np.divmod(np.arange(across * (int(row.max(initial=0)) + 1)), across))
-    return index[np.argsort(z_order(blocks)[row * across + column], kind="stable")]
+    return index[np.argsort(morton_codes(blocks)[row * across + column], kind="stable")]
 
 
-def kept_inside(weights: Float32Array) -> Float32Array:
+def clamp_barycentric(weights: Float32Array) -> Float32Array:
     """Return all three weights, (n, 3), of points moved onto their face, from (2, n): those of the last two corners."""
     second, third = np.maximum(weights, 0)
     total = np.maximum(1, second + third)

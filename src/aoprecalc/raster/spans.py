@@ -3,18 +3,15 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aoprecalc.raster.samples import GRID
-from aoprecalc.types import Float32Array, Float64Array
-
-Longs = NDArray[np.int64]
+from aoprecalc.types import Float32Array, Float64Array, Int64Array
 
 _MOST = 1 << 16  # entries made at a time: bounds memory; measured: a fifth faster than with four times as many
 _HALF = GRID // 2
 
 
-def counted_out(counts: Longs) -> Iterator[tuple[Longs, Longs]]:
+def expand_counts(counts: Int64Array) -> Iterator[tuple[Int64Array, Int64Array]]:
     """For each i of counts, in order, count from 0 to counts[i] - 1; yields i and the count, (n,) each, in pieces."""
     ends = np.cumsum(counts)
     start, before = 0, 0
@@ -27,7 +24,7 @@ def counted_out(counts: Longs) -> Iterator[tuple[Longs, Longs]]:
         start, before = stop, int(ends[stop - 1])
 
 
-def snap(triangles: Float32Array, sample_at: tuple[float, float]) -> Longs:
+def snap_to_grid(triangles: Float32Array, sample_at: tuple[float, float]) -> Int64Array:
     """Move triangles, (m, 3, 2) in texels, so that samples fall on texel centres; snap them to the grid.
 
     Returns (m, 3, 2) int64 in steps of the grid, the corners of each from top to bottom. Done in single precision, as
@@ -38,7 +35,9 @@ def snap(triangles: Float32Array, sample_at: tuple[float, float]) -> Longs:
     return np.take_along_axis(corners, np.argsort(corners[..., 1], axis=1)[..., None], axis=1)
 
 
-def triangle_spans(corners: Longs, width: int, row: int, rows: int) -> Iterator[tuple[Longs, Longs, Longs]]:
+def triangle_spans(
+    corners: Int64Array, width: int, row: int, rows: int
+) -> Iterator[tuple[Int64Array, Int64Array, Int64Array]]:
     """Yield the runs of texels whose centres lie in triangles, within rows row..row + rows, in drawing order.
 
     corners   as from `snap`
@@ -48,7 +47,7 @@ def triangle_spans(corners: Longs, width: int, row: int, rows: int) -> Iterator[
     two triangles that share the edge. Integers make that exact.
     """
     top, bottom = (np.clip(_first_center(corners[:, corner, 1]), row, row + rows) for corner in (0, 2))
-    for triangle, step in counted_out(bottom - top):
+    for triangle, step in expand_counts(bottom - top):
         at = top[triangle] + step
         corner = np.ascontiguousarray(corners[triangle].transpose(1, 2, 0))
         # The longest edge from top to bottom is one end of the span, and one of the others the other.
@@ -60,7 +59,9 @@ def triangle_spans(corners: Longs, width: int, row: int, rows: int) -> Iterator[
         yield triangle[some], ((at - row) * width + left)[some], (right - left)[some]
 
 
-def edge_squares(edges: Float64Array, width: int, row: int, rows: int) -> Iterator[tuple[Longs, Longs, Longs]]:
+def edge_texels(
+    edges: Float64Array, width: int, row: int, rows: int
+) -> Iterator[tuple[Int64Array, Int64Array, Int64Array]]:
     """Yield the texels whose squares edges touch, within rows row..row + rows, in drawing order.
 
     edges   (e, 2, 2): from and to, in texels
@@ -71,7 +72,7 @@ def edge_squares(edges: Float64Array, width: int, row: int, rows: int) -> Iterat
     top = np.clip(np.ceil(ends_y.min(axis=1) - 1), row, row + rows).astype(np.int64)
     bottom = np.clip(np.floor(ends_y.max(axis=1)) + 1, row, row + rows).astype(np.int64)
     level = along_y == 0
-    for edge, step in counted_out(bottom - top):
+    for edge, step in expand_counts(bottom - top):
         at = top[edge] + step
         # The part of the edge in this row of squares, as shares of its length.
         flat, slope = level[edge], np.where(level, 1.0, along_y)[edge]
@@ -79,22 +80,22 @@ def edge_squares(edges: Float64Array, width: int, row: int, rows: int) -> Iterat
         ends_x = np.stack([start_x[edge] + along_x[edge] * np.where(flat, *ends) for ends in ((0, enter), (1, leave))])
         first = np.clip(np.ceil(ends_x.min(axis=0) - 1), 0, width).astype(np.int64)
         stop = np.clip(np.floor(ends_x.max(axis=0)) + 1, 0, width).astype(np.int64)
-        for part, column in counted_out(np.maximum(stop - first, 0)):
+        for part, column in expand_counts(np.maximum(stop - first, 0)):
             yield edge[part], at[part], first[part] + column
 
 
-def _first_center(places: Longs) -> Longs:
+def _first_center(places: Int64Array) -> Int64Array:
     """The first texel whose centre is at or beyond each of `places`, in steps of the grid."""
-    first: Longs = -((_HALF - places) // GRID)
+    first: Int64Array = -((_HALF - places) // GRID)
     return first
 
 
-def _first_column(start: Longs, end: Longs, row: Longs) -> Longs:
+def _first_column(start: Int64Array, end: Int64Array, row: Int64Array) -> Int64Array:
     """The first column whose centre is on or right of the edge from start to end, (2, s), where the row's centres are.
 
     The end lies below the start, in steps of the grid; the products stay below 2^62 for places below 2^23 texels.
     """
     run, drop = end - start
     across = (start[0] - _HALF) * drop + (row * GRID + _HALF - start[1]) * run
-    first: Longs = -(-across // (GRID * drop))
+    first: Int64Array = -(-across // (GRID * drop))
     return first

@@ -6,8 +6,8 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.raster.samples import CENTER
-from aoprecalc.raster.spans import Longs, counted_out, snap, triangle_spans
-from aoprecalc.types import BoolArray, Float64Array
+from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
+from aoprecalc.types import BoolArray, Float64Array, Int64Array
 
 _TOWARDS = np.array([0.38, 0.56, 0.86])  # the camera, from what it looks at; made a unit vector below
 _MARGIN = 0.92  # share of the picture that may be filled
@@ -30,7 +30,7 @@ class Camera:
     height: int
 
     @classmethod
-    def framing(cls, points: Float64Array, width: int, height: int) -> Self:
+    def around(cls, points: Float64Array, width: int, height: int) -> Self:
         """Show all points, (k, 3), k >= 1, as large as the picture allows."""
         towards = _TOWARDS / np.linalg.norm(_TOWARDS)
         right = np.array([towards[2], 0.0, -towards[0]]) / np.hypot(towards[0], towards[2])
@@ -40,29 +40,29 @@ class Camera:
         scale = _MARGIN * float((np.array([width, height]) / np.maximum(high - low, 1e-6)).min())
         return cls(axes, (low + high) / 2, scale, width, height)
 
-    def supersampled(self, times: int) -> "Camera":
+    def finer(self, times: int) -> "Camera":
         """Return the camera of the same picture with `times` as many pixels each way."""
         return Camera(self.axes, self.middle, self.scale * times, self.width * times, self.height * times)
 
-    def project(self, points: Float64Array) -> Float64Array:
-        """Return the column and row, in pixels, and the view_z, in units, of points: (..., 3) from (..., 3)."""
+    def places(self, points: Float64Array) -> Float64Array:
+        """Return the column and row, in pixels, and the nearness, in units, of points: (..., 3) from (..., 3)."""
         seen: Float64Array = points @ self.axes.T
         seen[..., 0] = (seen[..., 0] - self.middle[0]) * self.scale + self.width / 2
         seen[..., 1] = (self.middle[1] - seen[..., 1]) * self.scale + self.height / 2
         return seen
 
-    def unproject(self, view_z: Float64Array) -> Float64Array:
-        """Return the points of that view_z, (height, width), that the centres of pixels show: (height, width, 3)."""
+    def points(self, nearness: Float64Array) -> Float64Array:
+        """Return the points of that nearness, (height, width), that the centres of pixels show: (height, width, 3)."""
         across, upward = self._spread()
         right, top, towards = self.axes
-        found: Float64Array = across[:, None] * right + upward[:, None, None] * top + view_z[..., None] * towards
+        found: Float64Array = across[:, None] * right + upward[:, None, None] * top + nearness[..., None] * towards
         return found
 
-    def ground_view_z(self, level: float) -> Float64Array:
-        """Return the view_z, (height, width), of the plane y = `level` at the centres of pixels."""
+    def ground(self, level: float) -> Float64Array:
+        """Return the nearness, (height, width), of the plane y = `level` at the centres of pixels."""
         upward = self._spread()[1]
-        view_z = (level - upward * self.axes[1, 1]) / self.axes[2, 1]
-        return np.repeat(view_z[:, None], self.width, axis=1)
+        nearness = (level - upward * self.axes[1, 1]) / self.axes[2, 1]
+        return np.repeat(nearness[:, None], self.width, axis=1)
 
     def _spread(self) -> tuple[Float64Array, Float64Array]:
         """Where the centres of columns, (width,), and of rows, (height,), lie along the first two axes."""
@@ -81,42 +81,42 @@ _NOTHING = np.iinfo(np.int64).max
 class GBuffer:
     """What is seen at each pixel.
 
-    mask       (height, width) bool: there is something
-    view_z   (height, width) float64: towards the camera, -inf where there is nothing
+    there      (height, width) bool: there is something
+    nearness   (height, width) float64: towards the camera, -inf where there is nothing
     normals    (height, width, 3) float64: unit vectors on the camera's side, 0 where there is nothing
     """
 
-    mask: BoolArray
-    view_z: Float64Array
+    there: BoolArray
+    nearness: Float64Array
     normals: Float64Array
 
 
 def rasterize_mesh(corners: Float64Array, normals: Float64Array, camera: Camera) -> GBuffer:
     """Look at triangles, (f, 3, 3), with normals at their corners, (f, 3, 3), from either side."""
-    places = camera.project(corners)
+    places = camera.places(corners)
     front = _front(places, camera)
-    mask = front >= 0
-    found = places[front[mask]]
-    weights = _weights(found, np.stack(np.nonzero(mask)[::-1]).astype(np.float64) + 0.5)
-    view_z = np.full(front.shape, -np.inf)
-    view_z[mask] = (weights * found[..., 2]).sum(axis=1)
-    pointing = np.einsum("kc,kcx->kx", weights, normals[front[mask]])
+    there = front >= 0
+    found = places[front[there]]
+    weights = _weights(found, np.stack(np.nonzero(there)[::-1]).astype(np.float64) + 0.5)
+    nearness = np.full(front.shape, -np.inf)
+    nearness[there] = (weights * found[..., 2]).sum(axis=1)
+    pointing = np.einsum("kc,kcx->kx", weights, normals[front[there]])
     # The normals' side is that of the face; of one seen from behind they point away.
-    sides = corners[front[mask]]
+    sides = corners[front[there]]
     faces = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
     agree = np.einsum("kx,kx->k", faces, pointing) * (faces @ camera.axes[2])
     pointing[agree < 0] *= -1
     lengths = np.linalg.norm(pointing, axis=1, keepdims=True)
     found_normals = np.zeros((*front.shape, 3))
-    found_normals[mask] = pointing / np.where(lengths > 0, lengths, 1)
-    return GBuffer(mask, view_z, found_normals)
+    found_normals[there] = pointing / np.where(lengths > 0, lengths, 1)
+    return GBuffer(there, nearness, found_normals)
 
 
 def rasterize_spheres(centers: Float64Array, radii: Float64Array, camera: Camera) -> GBuffer:
     """Look at spheres, (n, 3) and (n,) >= 0, exactly: no triangles."""
     shape = camera.height, camera.width
-    view_z, normals = np.full(shape, -np.inf), np.zeros((*shape, 3))
-    for (column, row, near), radius in zip(camera.project(centers), radii, strict=True):
+    nearness, normals = np.full(shape, -np.inf), np.zeros((*shape, 3))
+    for (column, row, near), radius in zip(camera.places(centers), radii, strict=True):
         reach = radius * camera.scale
         rows, columns = (
             np.arange(*np.clip([np.ceil(at - reach - 0.5), np.floor(at + reach + 0.5)], 0, most).astype(int))
@@ -128,34 +128,34 @@ def rasterize_spheres(centers: Float64Array, radii: Float64Array, camera: Camera
         across, upward = (columns + 0.5 - column) / camera.scale, (row - rows - 0.5) / camera.scale
         squared = radius**2 - across**2 - upward[:, None] ** 2
         depth = np.sqrt(np.maximum(squared, 0.0))
-        front = (squared > 0) & (near + depth > view_z[box])
-        view_z[box][front] = (near + depth)[front]
+        front = (squared > 0) & (near + depth > nearness[box])
+        nearness[box][front] = (near + depth)[front]
         sides = np.stack([*np.broadcast_arrays(across, upward[:, None]), depth], axis=-1)[front]
         normals[box][front] = sides @ camera.axes / radius
-    return GBuffer(np.isfinite(view_z), view_z, normals)
+    return GBuffer(np.isfinite(nearness), nearness, normals)
 
 
-def _front(places: Float64Array, camera: Camera) -> Longs:
+def _front(places: Float64Array, camera: Camera) -> Int64Array:
     """The triangle, of (f, 3, 3) columns, rows and nearnesses, in front at each pixel, (height, width); -1: none."""
     planes = _planes(places)
     nearest, farthest = places[..., 2].max(axis=1), places[..., 2].min(axis=1)
     top, span = nearest.max(), max(float(np.ptp(places[..., 2])), 1e-12)
     drawn = np.full(camera.height * camera.width, _NOTHING)
-    shapes = snap(places[..., :2].astype(np.float32), CENTER)
+    shapes = snap_to_grid(places[..., :2].astype(np.float32), CENTER)
     for triangle, first, length in triangle_spans(shapes, camera.width, 0, camera.height):
-        for run, step in counted_out(length):
+        for run, step in expand_counts(length):
             number, pixel = triangle[run], first[run] + step
             row, column = np.divmod(pixel, camera.width)
             x, y, constant = planes[:, number]
             near = np.clip(x * (column + 0.5) + y * (row + 0.5) + constant, farthest[number], nearest[number])
             depth = np.rint((top - near) / span * _STEPS).astype(np.int64)
             np.minimum.at(drawn, pixel, depth << _NUMBER | number)
-    found: Longs = np.where(drawn == _NOTHING, -1, drawn & ((1 << _NUMBER) - 1))
+    found: Int64Array = np.where(drawn == _NOTHING, -1, drawn & ((1 << _NUMBER) - 1))
     return found.reshape(camera.height, camera.width)
 
 
 def _planes(places: Float64Array) -> Float64Array:
-    """The view_z of each triangle's plane as x column + y row + constant, (3, f); of one seen edge-on, its middle."""
+    """The nearness of each triangle's plane as x column + y row + constant, (3, f); of one seen edge-on, its middle."""
     (bx, by, bz), (cx, cy, cz) = ((places[:, corner] - places[:, 0]).T for corner in (1, 2))
     area = bx * cy - by * cx
     flat = np.abs(area) < 1e-9

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.lloyd import Indices, two_nearest
-from aoprecalc.types import BoolArray, Float64Array
+from aoprecalc.spheres.lloyd import nearest_two
+from aoprecalc.types import BoolArray, Float64Array, Int64Array
 
 _LARGEST = 3**0.5  # a radius beyond that of the sphere around the box [-1, 1]^3 has run away
 _FLAT = 1e-9  # a cluster is flat if its thickness / width, squared, is below: well above what float32 files round
@@ -36,14 +36,14 @@ class AlgebraicFit:
 
     centers: Float64Array
     radii: Float64Array
-    labels: Indices
+    labels: Int64Array
     iterations: int
     converged: bool
     guarded: int
     costs: tuple[float, ...]
 
 
-def fit_algebraic(points: Float64Array, starts: Float64Array, max_iterations: int, progress: Progress) -> AlgebraicFit:
+def algebraic(points: Float64Array, starts: Float64Array, max_iterations: int, progress: Progress) -> AlgebraicFit:
     """Give samples to the spheres of least |f| and fit the spheres to their samples until nothing changes.
 
     points           (s, 3) float64 in [-1, 1], on the grid of `sample.on_grid`: that makes means of equal points exact
@@ -55,7 +55,7 @@ def fit_algebraic(points: Float64Array, starts: Float64Array, max_iterations: in
     """
     lifted = np.column_stack([points, (points**2).sum(axis=1), np.ones(len(points))])
     spheres = np.column_stack([starts, np.zeros(len(starts))])
-    labels, nearest, _ = two_nearest(points, starts, cKDTree(starts))  # radius 0: |f| is the squared distance
+    labels, nearest, _ = nearest_two(points, starts, cKDTree(starts))  # radius 0: |f| is the squared distance
     distances = nearest**2
     costs: list[float] = []
     guarded, converged = 0, False
@@ -73,7 +73,7 @@ def fit_algebraic(points: Float64Array, starts: Float64Array, max_iterations: in
     return AlgebraicFit(spheres[:, :3], spheres[:, 3], labels, len(costs), converged, guarded, tuple(costs))
 
 
-def _pair(lifted: Float64Array, spheres: Float64Array, labels: Indices) -> tuple[Indices, Float64Array]:
+def _pair(lifted: Float64Array, spheres: Float64Array, labels: Int64Array) -> tuple[Int64Array, Float64Array]:
     """Find the sphere of least |f| for each sample, and that |f|.
 
     f = |P|^2 - 2 P.S + |S|^2 - r^2 is linear in the lifted samples, (s, 5): x, y, z, |P|^2, 1. labels (s,): the
@@ -98,7 +98,7 @@ def _pair(lifted: Float64Array, spheres: Float64Array, labels: Indices) -> tuple
     return found, distances
 
 
-def _fill_empty(points: Float64Array, labels: Indices, distances: Float64Array, count: int) -> None:
+def _fill_empty(points: Float64Array, labels: Int64Array, distances: Float64Array, count: int) -> None:
     """Restart every sphere without samples, of `count`, as a point: the sample of greatest |f| that can be spared.
 
     Spheres in ascending order; among equally far samples the first; never the last sample of a sphere, and no place
@@ -122,7 +122,7 @@ def _fill_empty(points: Float64Array, labels: Indices, distances: Float64Array, 
 
 
 def _best_spheres(
-    points: Float64Array, spheres: Float64Array, labels: Indices, distances: Float64Array
+    points: Float64Array, spheres: Float64Array, labels: Int64Array, distances: Float64Array
 ) -> tuple[Float64Array, BoolArray]:
     """Fit each sphere to its samples (equation 1.2.2.2), or guard it from samples that would not hold it.
 

@@ -5,16 +5,15 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.fitted import SphereFit
-from aoprecalc.spheres.lloyd import Indices
-from aoprecalc.spheres.sampling import NormalizedFrame
-from aoprecalc.spheres.shadow import VIEWS_PER_STEP, SilhouetteTarget, fit_shadow
-from aoprecalc.spheres.silhouette_descent import SilhouetteDescent
-from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
-from aoprecalc.types import Float64Array, Scene
+from aoprecalc.spheres.fitted import Fitted
+from aoprecalc.spheres.sampling import Frame
+from aoprecalc.spheres.shadow import BATCH, Target, shadow
+from aoprecalc.spheres.silhouette_descent import Descent
+from aoprecalc.spheres.voxels import Grid, inside_mesh
+from aoprecalc.types import Float64Array, Int64Array, Scene
 
 
-def subdivide(corners: Float64Array, longest: float) -> Float64Array:
+def pieces(corners: Float64Array, longest: float) -> Float64Array:
     """Halve the longest side of triangles, (f, 3, 3), until none is longer than `longest` > 0; returns (m, 3, 3).
 
     The pieces cover the triangles exactly, but for the rounding of the middles of sides.
@@ -55,19 +54,19 @@ _BLOCK = 1 << 16  # values measured at a time: they stay in cache, and a product
 _ROUNDING = 1e-12  # in the frame, by which spheres are larger than what they hold
 
 
-def fit_collision(
-    scene: Scene, frame: NormalizedFrame, points: Float64Array, count: int, rng: np.random.Generator, progress: Progress
-) -> SphereFit:
+def collision(
+    scene: Scene, frame: Frame, points: Float64Array, count: int, rng: np.random.Generator, progress: Progress
+) -> Fitted:
     """Fit `count` spheres that hold the surface of a scene, to within the rounding of coordinates.
 
     points   (s, 3) float64 samples of its surface in the frame
     Of the inside of a watertight mesh the points of a grid are held, 48 along the longest side of its box.
     """
-    target = SilhouetteTarget.of(scene, frame)
-    begun = fit_shadow(scene, frame, target, points, count, rng, progress)
-    small = subdivide(frame.to_normalized(scene.corners), _PIECE)
+    target = Target.of(scene, frame)
+    begun = shadow(scene, frame, target, points, count, rng, progress)
+    small = pieces(frame.enter(scene.corners), _PIECE)
     held = np.concatenate([small.reshape(-1, 3), _inside(scene, frame)])
-    descent = SilhouetteDescent(begun.centers, begun.radii, target.wanted, target.seen, VIEWS_PER_STEP)
+    descent = Descent(begun.centers, begun.radii, target.wanted, target.seen, BATCH)
     for step in range(_STEPS):
         share = step / _STEPS
         some = held[rng.integers(len(held), size=_DRAWN)]
@@ -77,7 +76,7 @@ def fit_collision(
         progress.advance()
     centers, radii = _employed(small, descent.centers, descent.radii)
     radii = _grown(small, held[small.size // 3 :], centers, radii)
-    return SphereFit(centers, radii, begun.iterations + _STEPS, converged=True)
+    return Fitted(centers, radii, begun.iterations + _STEPS, converged=True)
 
 
 def _pull(
@@ -110,7 +109,7 @@ def _employed(small: Float64Array, centers: Float64Array, radii: Float64Array) -
     return centers, radii
 
 
-def _one_each(own: Indices, order: Indices) -> Indices:
+def _one_each(own: Int64Array, order: Int64Array) -> Int64Array:
     """The first piece of each sphere in an order of the pieces, in that order."""
     first = np.unique(own[order], return_index=True)[1]
     return order[np.sort(first)]
@@ -131,16 +130,16 @@ def _grown(small: Float64Array, inside: Float64Array, centers: Float64Array, rad
     return np.where(held, np.maximum(least, radii), least) + _ROUNDING
 
 
-def _inside(scene: Scene, frame: NormalizedFrame) -> Float64Array:
+def _inside(scene: Scene, frame: Frame) -> Float64Array:
     """Points of a grid inside a watertight mesh, (k, 3) in the frame; none in another."""
     if not topology(scene.faces).watertight:
         return np.zeros((0, 3))
-    positions = frame.to_normalized(scene.positions)
-    grid = VoxelGrid.from_box(positions.min(axis=0), positions.max(axis=0), _CUBES)
+    positions = frame.enter(scene.positions)
+    grid = Grid.around(positions.min(axis=0), positions.max(axis=0), _CUBES)
     return grid.points(inside_mesh(positions, scene.faces, grid))
 
 
-def _nearest(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Indices:
+def _nearest(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Int64Array:
     """The sphere in which each point lies deepest, or which is nearest to it, (k,); of many, among near centres.
 
     Any other choice would do, too, but give larger spheres.
@@ -148,7 +147,7 @@ def _nearest(points: Float64Array, centers: Float64Array, radii: Float64Array) -
     if len(radii) > _FEW:
         distances, near = cKDTree(centers).query(points, _LISTED)
         best = np.argmin(distances - radii[near], axis=1)
-        nearest: Indices = near[np.arange(len(points)), best]
+        nearest: Int64Array = near[np.arange(len(points)), best]
         return nearest
     found = np.empty(len(points), np.intp)
     own = np.square(centers).sum(axis=1)

@@ -8,19 +8,19 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import Method, SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.algebraic import fit_algebraic
-from aoprecalc.spheres.collision import fit_collision
-from aoprecalc.spheres.fitted import SphereFit
-from aoprecalc.spheres.lloyd import Clusters, cluster_radii, initial_centers, lloyd
-from aoprecalc.spheres.metrics import Quality, signed_distances, silhouette_quality, sphere_quality
-from aoprecalc.spheres.sampling import NormalizedFrame, sample_surface
-from aoprecalc.spheres.shadow import SilhouetteTarget, fit_shadow
+from aoprecalc.spheres.algebraic import algebraic
+from aoprecalc.spheres.collision import collision
+from aoprecalc.spheres.fitted import Fitted
+from aoprecalc.spheres.lloyd import Clusters, lloyd, radii, starts
+from aoprecalc.spheres.metrics import Quality, quality, signed_distances, silhouette_quality
+from aoprecalc.spheres.sampling import Frame, draw
+from aoprecalc.spheres.shadow import Target, shadow
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
 _MOST = 1 << 20  # pairs that are measured at a time: bounds memory
 
 
-def assign_parents(finer: SphereSet, coarser: SphereSet) -> Int32Array:
+def parents(finer: SphereSet, coarser: SphereSet) -> Int32Array:
     """Return the number of the coarser sphere that each finer one belongs to, (n,) int32.
 
     That is the one whose surface is nearest to the finer sphere's centre, or lies farthest beyond it.
@@ -35,19 +35,19 @@ def assign_parents(finer: SphereSet, coarser: SphereSet) -> Int32Array:
 
 # As few spheres as are good enough.
 
-MAX_SPHERES = 4096
-MIN_SAMPLES_PER_SPHERE = 10  # that each sphere has at least: fewer would be fitted, not stood for
+MOST = 4096
+SAMPLES = 10  # that each sphere has at least: fewer would be fitted, not stood for
 
 
-def search_count(
+def fewest(
     scene: Scene,
-    frame: NormalizedFrame,
+    frame: Frame,
     points: Float64Array,
-    attempt: Callable[[int], SphereFit],
+    attempt: Callable[[int], Fitted],
     tolerance: float,
     method: Method,
-) -> SphereFit:
-    """Return a fit whose error is at most `tolerance`, of few spheres: at most MAX_SPHERES, and a tenth of the samples.
+) -> Fitted:
+    """Return a fit whose error is at most `tolerance`, of few spheres: at most MOST, and a tenth of the samples.
 
     attempt   fits as many spheres, in the frame, by `method`
 
@@ -56,13 +56,10 @@ def search_count(
     Raises AoprecalcError where no number of spheres will do.
     """
     by_silhouettes = method in ("shadow", "collision")
-    positions = frame.to_normalized(scene.positions)
-    most = min(
-        MAX_SPHERES,
-        max(1, len(np.unique(points[: MIN_SAMPLES_PER_SPHERE * MAX_SPHERES], axis=0)) // MIN_SAMPLES_PER_SPHERE),
-    )
+    positions = frame.enter(scene.positions)
+    most = min(MOST, max(1, len(np.unique(points[: SAMPLES * MOST], axis=0)) // SAMPLES))
 
-    def error(made: SphereFit) -> float:
+    def error(made: Fitted) -> float:
         if by_silhouettes:
             return 1.0 - silhouette_quality(scene, positions, made.centers, made.radii)["silhouette_iou"]
         away = signed_distances(points, made.centers, made.radii)
@@ -93,32 +90,30 @@ def search_count(
 # The ways to fit spheres to samples of a surface, by the names that options give them.
 
 
-def fit_method(
+def fitted(
     scene: Scene,
-    frame: NormalizedFrame,
+    frame: Frame,
     points: Float64Array,
     count: int,
     options: SphereOptions,
     rng: np.random.Generator,
     progress: Progress,
-) -> SphereFit:
+) -> Fitted:
     """Fit `count` spheres, in the frame, by `options.method`; points: (s, 3) samples of the scene's surface in it."""
     if options.method == "shadow":
-        return fit_shadow(scene, frame, SilhouetteTarget.of(scene, frame), points, count, rng, progress)
+        return shadow(scene, frame, Target.of(scene, frame), points, count, rng, progress)
     if options.method == "collision":
-        return fit_collision(scene, frame, points, count, rng, progress)
-    first = initial_centers(points, count, options.init, rng)
+        return collision(scene, frame, points, count, rng, progress)
+    first = starts(points, count, options.init, rng)
     if options.method == "algebraic":
-        fit = fit_algebraic(points, first, options.max_iterations, progress)
+        fit = algebraic(points, first, options.max_iterations, progress)
         if options.radius == "mean":  # the fit's own: the root mean square distance of a sphere's samples
-            return SphereFit(fit.centers, fit.radii, fit.iterations, fit.converged, fit.guarded)
+            return Fitted(fit.centers, fit.radii, fit.iterations, fit.converged, fit.guarded)
         distances = np.linalg.norm(points - fit.centers[fit.labels], axis=1)
         clusters = Clusters(fit.centers, fit.labels, distances, fit.iterations, fit.converged)
-        return SphereFit(
-            fit.centers, cluster_radii(clusters, options.radius), fit.iterations, fit.converged, fit.guarded
-        )
+        return Fitted(fit.centers, radii(clusters, options.radius), fit.iterations, fit.converged, fit.guarded)
     clusters = lloyd(points, first, options.max_iterations, progress)
-    return SphereFit(clusters.centers, cluster_radii(clusters, options.radius), clusters.iterations, clusters.converged)
+    return Fitted(clusters.centers, radii(clusters, options.radius), clusters.iterations, clusters.converged)
 
 
 # From a scene to spheres and what they are worth.
@@ -126,7 +121,7 @@ def fit_method(
 _BY_CLUSTERS = ("lloyd", "algebraic")  # methods to which options.radius and options.init apply
 
 
-def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> tuple[SphereSet, Quality]:
+def fit(scene: Scene, options: SphereOptions, progress: Progress) -> tuple[SphereSet, Quality]:
     """Fit spheres to a scene.
 
     The same scene and options give the same spheres. Moving or scaling the mesh moves and scales its spheres, to
@@ -137,27 +132,27 @@ def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> 
     Raises InputError where the surface has no area or too few distinct points, AoprecalcError where no number of
     spheres that is allowed reaches `options.tolerance`.
     """
-    frame = NormalizedFrame.from_positions(scene.positions)
+    frame = Frame.around(scene.positions)
     rng = np.random.default_rng(options.seed)
     counts = options.levels or (1 if options.tolerance is not None else options.spheres,)
     with progress.stage("samples"):
-        points = sample_surface(scene, frame, options.samples, counts[-1], rng)
+        points = draw(scene, frame, options.samples, counts[-1], rng)
     drawn = rng.bit_generator.state
 
-    def attempt(count: int) -> SphereFit:
+    def attempt(count: int) -> Fitted:
         rng.bit_generator.state = drawn  # so that a number of spheres gives the same ones, whatever was tried before
-        return fit_method(scene, frame, points, count, options, rng, progress)
+        return fitted(scene, frame, points, count, options, rng, progress)
 
     with progress.stage("spheres", unit="iterations"):
         if options.tolerance is None:
             made = attempt(counts[0])
         else:
-            made = search_count(scene, frame, points, attempt, options.tolerance, options.method)
+            made = fewest(scene, frame, points, attempt, options.tolerance, options.method)
         found = _sphere_set(made, frame, options)
         for count in counts[1:]:
             made = attempt(count)
             finer = _sphere_set(made, frame, options)
-            found = replace(finer, coarser=found, parents=assign_parents(finer, found))
+            found = replace(finer, coarser=found, parents=parents(finer, found))
     levels = [found]
     while levels[-1].coarser is not None:
         levels.append(levels[-1].coarser)
@@ -167,26 +162,26 @@ def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> 
                 f"{scene.path}: samples still change spheres after {level.iterations} iterations; allow more of them"
             )
     with progress.stage("quality"):
-        measured = sphere_quality(scene, frame, points, made.centers, made.radii)
+        measured = quality(scene, frame, points, made.centers, made.radii)
     return found, measured
 
 
-def measure_quality(
+def measure(
     scene: Scene, centers: Float64Array, radii: Float64Array, options: SphereOptions, progress: Progress
 ) -> Quality:
     """Measure spheres of any origin, (n, 3) and (n,) in the mesh's coordinates, as `quality` does.
 
     Of the options only `samples` and `seed` count. Raises InputError where the scene's surface has no area.
     """
-    frame = NormalizedFrame.from_positions(scene.positions)
+    frame = Frame.around(scene.positions)
     with progress.stage("quality"):
-        points = sample_surface(scene, frame, options.samples, 1, np.random.default_rng(options.seed))
-        return sphere_quality(scene, frame, points, frame.to_normalized(centers), radii / frame.scale)
+        points = draw(scene, frame, options.samples, 1, np.random.default_rng(options.seed))
+        return quality(scene, frame, points, frame.enter(centers), radii / frame.scale)
 
 
-def _sphere_set(made: SphereFit, frame: NormalizedFrame, options: SphereOptions) -> SphereSet:
+def _sphere_set(made: Fitted, frame: Frame, options: SphereOptions) -> SphereSet:
     return SphereSet(
-        centers=frame.from_normalized(made.centers),
+        centers=frame.leave(made.centers),
         radii=made.radii * frame.scale,
         iterations=made.iterations,
         converged=made.converged,

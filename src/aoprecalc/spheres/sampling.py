@@ -7,12 +7,12 @@ import numpy as np
 
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.sampling import faces_by_area, folded
+from aoprecalc.mesh.sampling import fold_to_triangle, pick_faces
 from aoprecalc.types import Float64Array, Scene
 
 
 @dataclass(frozen=True, eq=False)
-class NormalizedFrame:
+class Frame:
     """Moves a mesh to the origin and scales it, so that its place and size in the file do not matter.
 
     center     (3,) float64: the middle of the mesh's bounding box, in the mesh's units
@@ -25,18 +25,18 @@ class NormalizedFrame:
     diagonal: float
 
     @classmethod
-    def from_positions(cls, positions: Float64Array) -> Self:
+    def around(cls, positions: Float64Array) -> Self:
         """Frame the bounding box of finite positions, (v, 3) float64, v >= 1."""
         low, high = positions.min(axis=0) / 2, positions.max(axis=0) / 2  # halved first: no sum overflows
         half = high - low
         scale = float(half.max()) or 1.0
         return cls(low + high, scale, 2 * float(np.linalg.norm(half / scale)))
 
-    def to_normalized(self, positions: Float64Array) -> Float64Array:
+    def enter(self, positions: Float64Array) -> Float64Array:
         """Bring positions, (..., 3) float64, from the mesh's coordinates into the frame."""
         return (positions - self.center) / self.scale
 
-    def from_normalized(self, positions: Float64Array) -> Float64Array:
+    def leave(self, positions: Float64Array) -> Float64Array:
         """Bring positions, (..., 3) float64, from the frame back to the mesh's coordinates."""
         return positions * self.scale + self.center
 
@@ -46,9 +46,7 @@ class NormalizedFrame:
 _BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
 
 
-def sample_surface(
-    scene: Scene, frame: NormalizedFrame, count: int, distinct: int, rng: np.random.Generator
-) -> Float64Array:
+def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.Generator) -> Float64Array:
     """Draw `count` points uniformly on the surface, at least `distinct` of them different.
 
     The first points do not depend on `count`, but for the rounding of `on_grid`.
@@ -61,8 +59,8 @@ def sample_surface(
     for start in range(0, count, _BLOCK):
         block = points[start : start + _BLOCK]
         where, along, across = rng.random((len(block), 3)).T
-        block[:] = _inside(corners[faces_by_area(upto, where)], *folded(along, across))
-    points = round_to_grid(points)
+        block[:] = _inside(corners[pick_faces(upto, where)], *fold_to_triangle(along, across))
+    points = on_grid(points)
     if (found := _distinct(points, distinct)) < distinct:
         raise InputError(
             f"{scene.path}: the {count} samples fall on {found} distinct points, fewer than the {distinct} spheres "
@@ -71,8 +69,8 @@ def sample_surface(
     return points
 
 
-def sample_surface_with_normals(
-    scene: Scene, frame: NormalizedFrame, count: int, rng: np.random.Generator
+def draw_with_normals(
+    scene: Scene, frame: Frame, count: int, rng: np.random.Generator
 ) -> tuple[Float64Array, Float64Array]:
     """Draw points uniformly on the surface; returns them, in the frame, and their faces' unit normals, (count, 3) each.
 
@@ -80,11 +78,11 @@ def sample_surface_with_normals(
     """
     corners, upto = _surface(scene, frame)
     where, along, across = rng.random((count, 3)).T
-    chosen = corners[faces_by_area(upto, where)]
-    return _inside(chosen, *folded(along, across)), face_normals(chosen)[0]
+    chosen = corners[pick_faces(upto, where)]
+    return _inside(chosen, *fold_to_triangle(along, across)), face_normals(chosen)[0]
 
 
-def round_to_grid(points: Float64Array) -> Float64Array:
+def on_grid(points: Float64Array) -> Float64Array:
     """Round (s, 3) coordinates in [-1, 1] to multiples of the power of two that makes the sum of any of them exact.
 
     A sum then depends neither on its order nor on its history, and the rounding noise that comes from where the
@@ -94,9 +92,9 @@ def round_to_grid(points: Float64Array) -> Float64Array:
     return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0: no negative zeros, equal is identical
 
 
-def _surface(scene: Scene, frame: NormalizedFrame) -> tuple[Float64Array, Float64Array]:
+def _surface(scene: Scene, frame: Frame) -> tuple[Float64Array, Float64Array]:
     """The faces' corners in the frame, (f, 3, 3), and twice the area of each face and all before it, (f,)."""
-    corners = frame.to_normalized(scene.corners)
+    corners = frame.enter(scene.corners)
     upto = np.cumsum(_areas(corners, scene, frame))
     if upto[-1] == 0:
         raise InputError(
@@ -106,7 +104,7 @@ def _surface(scene: Scene, frame: NormalizedFrame) -> tuple[Float64Array, Float6
     return corners, upto
 
 
-def _areas(corners: Float64Array, scene: Scene, frame: NormalizedFrame) -> Float64Array:
+def _areas(corners: Float64Array, scene: Scene, frame: Frame) -> Float64Array:
     """(f,) twice the faces' areas in the frame; 0 where rounding of the coordinates could account for all of it."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.linalg.norm(np.cross(first, second), axis=1)

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from aoprecalc.mesh.topology import borders
+from aoprecalc.mesh.topology import boundary_edges
 from aoprecalc.types import Float64Array, Int32Array
 
-LEAST = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution
+MIN_GUTTER = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution
 _MOST_SHARE = 1.0 / 3.0  # of the atlas
 _EFFICIENCY = 0.7  # share of the atlas that packers fill with charts and their gutters
 
@@ -18,8 +18,8 @@ def choose_gutter(area: float, outline: float, size: int, padding: int) -> int:
     area, outline   of all charts together, in any unit of length, squared for the area
     size            side of the square atlas in texels
     """
-    gutter = max(LEAST, 2 * padding)
-    while gutter > LEAST and _gutter_share(area, outline, size, gutter) > _MOST_SHARE:
+    gutter = max(MIN_GUTTER, 2 * padding)
+    while gutter > MIN_GUTTER and _gutter_share(area, outline, size, gutter) > _MOST_SHARE:
         gutter -= 1
     return gutter
 
@@ -37,13 +37,13 @@ def first_unsafe_mip(gutter: int, padding: int) -> int:
     return level
 
 
-def chart_size(uvs: Float64Array, corners: Int32Array) -> tuple[float, float]:
+def area_and_perimeter(uvs: Float64Array, corners: Int32Array) -> tuple[float, float]:
     """Return the area and the outline's length of all charts, for (f, 3, 2) UVs and (f, 3) corner numbers."""
     lengths = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2)
-    return float(0.5 * doubled_areas(uvs).sum()), float(lengths[borders(corners)].sum())
+    return float(0.5 * doubled_uv_areas(uvs).sum()), float(lengths[boundary_edges(corners)].sum())
 
 
-def doubled_areas(uvs: Float64Array) -> Float64Array:
+def doubled_uv_areas(uvs: Float64Array) -> Float64Array:
     """Return twice the area of each of (f, 3, 2) triangles, (f,)."""
     side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
     areas: Float64Array = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])

@@ -10,15 +10,15 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import MOST_TILES, Layout, as_atlas, lay_out
-from aoprecalc.raster.samples import TexelSampler
+from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
+from aoprecalc.raster.samples import Rasterizer
 from aoprecalc.types import Atlas, Scene, UvCheck
-from aoprecalc.uv.gutter import doubled_areas
-from aoprecalc.uv.unwrap import owns_place, unwrap
+from aoprecalc.uv.gutter import doubled_uv_areas
+from aoprecalc.uv.unwrap import needs_uvs, unwrap
 
-Sampler = Callable[[Layout], TexelSampler]
+Sampler = Callable[[Layout], Rasterizer]
 
-MOST_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
+MAX_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
 
 
 def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
@@ -44,7 +44,7 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
         progress.note(f"the file's UVs are not kept: {faults}" if checks else "the file has no UVs")
     if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
         raise UsageError("--unwrap uvunwrap: it is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
-    large = np.count_nonzero(owns_place(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
+    large = np.count_nonzero(needs_uvs(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)
 
@@ -66,21 +66,21 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
 def check_uvs(sampler: Sampler, scene: Scene, number: int, width: int, height: int) -> tuple[UvCheck, Atlas | None]:
     """Look at set `number` of the file's own UVs; return what was found, and the atlas of it where it can hold a bake.
 
-    It can if, wrapped modulo 1, hardly a texel (MOST_OVERLAP of the covered ones) lies inside two triangles, no face
-    with area is without area in UV space, and none lies on more than MOST_TILES repeats of the texture.
+    It can if, wrapped modulo 1, hardly a texel (MAX_OVERLAP of the covered ones) lies inside two triangles, no face
+    with area is without area in UV space, and none lies on more than MAX_TILES repeats of the texture.
     """
-    uvs, placed = scene.uv_sets[number], owns_place(scene)
+    uvs, placed = scene.uv_sets[number], needs_uvs(scene)
     longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
-    flat = int(np.count_nonzero(placed & (doubled_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
+    flat = int(np.count_nonzero(placed & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
     tiles = int(np.ceil(uvs[placed].max(axis=1) - np.floor(uvs[placed].min(axis=1))).max())
     if flat:
         return UvCheck(number, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
-    if tiles > MOST_TILES:
-        fault = f"a face lies on {tiles} repeats of the texture; at most {MOST_TILES} may be"
+    if tiles > MAX_TILES:
+        fault = f"a face lies on {tiles} repeats of the texture; at most {MAX_TILES} may be"
         return UvCheck(number, flat, tiles, None, fault), None
-    atlas = replace(as_atlas(scene, uvs, placed), uv_set=number)
-    overlap = sampler(lay_out(scene, atlas, width, height)).overlap()
-    if overlap < MOST_OVERLAP:
+    atlas = replace(atlas_from_uvs(scene, uvs, placed), uv_set=number)
+    overlap = sampler(build_layout(scene, atlas, width, height)).overlap()
+    if overlap < MAX_OVERLAP:
         return UvCheck(number, flat, tiles, overlap, ""), atlas
-    fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MOST_OVERLAP:.1%} may"
+    fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MAX_OVERLAP:.1%} may"
     return UvCheck(number, flat, tiles, overlap, fault), None

@@ -11,7 +11,7 @@ from aoprecalc.mesh.normals import face_normals
 from aoprecalc.subprocesses import ChildKilledError, StepCallback, ask, command
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
-LEAST_SIZE = 16  # texels
+MIN_SIZE = 16  # texels
 _CHILDREN = {name: command(f"aoprecalc.uv.{name}_process") for name in ("xatlas", "uvunwrap")}
 _OTHER = {"xatlas": "uvunwrap", "uvunwrap": "xatlas"}
 _ELSE = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}  # where time is short
@@ -34,9 +34,9 @@ def unwrap(
     Raises InputError where no face has area, UsageError where the size is too small for any chart, AoprecalcError where
     the unwrapper fails or its time is over. No unwrapper goes on after an error, a Ctrl-C included.
     """
-    if size < LEAST_SIZE:
-        raise UsageError(f"--size {size} has no room for charts and gutters; use at least {LEAST_SIZE}")
-    solid = owns_place(scene)
+    if size < MIN_SIZE:
+        raise UsageError(f"--size {size} has no room for charts and gutters; use at least {MIN_SIZE}")
+    solid = needs_uvs(scene)
     # Both unwrappers weigh lengths against constants; they are given about one unit.
     used, corners = np.unique(scene.faces[solid], return_inverse=True)
     positions = scene.positions[used] - scene.positions[used].min(axis=0)
@@ -60,7 +60,7 @@ def unwrap(
     return Atlas(method, everywhere, solid, charts, gutter=gutter)
 
 
-def owns_place(scene: Scene) -> BoolArray:
+def needs_uvs(scene: Scene) -> BoolArray:
     """Return the faces, (f,) bool, that need a place in the texture: those with area that receive and share none.
 
     Raises InputError where there are none.

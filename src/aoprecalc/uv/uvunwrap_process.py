@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.subprocesses import FIRST_STEP, POLL, end_with_parent, say_step
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
-from aoprecalc.uv.gutter import LEAST, chart_size, choose_gutter
+from aoprecalc.uv.gutter import MIN_GUTTER, area_and_perimeter, choose_gutter
 
 _MANY_CHARTS = 1500  # above this the fast packing: the better one takes longer than the bake
 _PACKINGS = 8  # tries at one page
@@ -26,11 +26,11 @@ def unwrap(positions: Float32Array, faces: NDArray[np.uint32], size: int, paddin
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
     mesh = uvunwrap.Mesh(positions, faces)
     # A quick first packing tells how much outline there is, and so how much gutter the page has room for.
-    uvs, placed, corners, charts = _run(mesh, size, LEAST, "fast")
-    area, outline = chart_size(uvs[placed] * size, corners[placed])
+    uvs, placed, corners, charts = _run(mesh, size, MIN_GUTTER, "fast")
+    area, outline = area_and_perimeter(uvs[placed] * size, corners[placed])
     gutter = choose_gutter(area, outline, size, padding)
     packing: Literal["shape", "fast"] = "fast" if charts > _MANY_CHARTS else "shape"
-    if gutter > LEAST or packing == "shape":
+    if gutter > MIN_GUTTER or packing == "shape":
         uvs, placed, corners, charts = _run(mesh, size, gutter, packing)
     return {"uvs": uvs, "placed": placed, "charts": charts, "gutter": gutter}
 

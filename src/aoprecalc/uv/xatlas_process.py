@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.subprocesses import end_with_parent, say_step
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
-from aoprecalc.uv.gutter import chart_size, choose_gutter, fitting_scale
+from aoprecalc.uv.gutter import area_and_perimeter, choose_gutter, fitting_scale
 
 _PACKINGS = 12  # tries at the greatest scale that fits one page
 _STEP = 1.08  # between the first two tries; squared after each that is too large
@@ -40,7 +40,7 @@ def unwrap(positions: Float32Array, faces: NDArray[np.uint32], size: int, paddin
         raise ValueError("every face is too thin for it; use a mesh without slivers")
     corners = np.ascontiguousarray(corners[placed])
     flat = uvs.astype(np.float64) * (atlas.width, atlas.height)
-    area, outline = chart_size(flat[corners], corners.astype(np.int32))
+    area, outline = area_and_perimeter(flat[corners], corners.astype(np.int32))
     gutter = choose_gutter(area, outline, size, padding)
     packed = _pack(flat * fitting_scale(area, outline, size, gutter), corners, size, gutter)
     result: Float64Array = np.zeros((len(faces), 3, 2))

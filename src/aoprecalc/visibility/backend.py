@@ -9,14 +9,13 @@ from aoprecalc.gl.context import Renderer, open_renderer
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.cpu_rasterizer import ScanlineRaster
-from aoprecalc.raster.gl_rasterizer import Raster
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.gl_rasterizer import GLRasterizer
 from aoprecalc.raster.layout import Layout
-from aoprecalc.raster.samples import Samples, TexelSampler
+from aoprecalc.raster.samples import Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
-from aoprecalc.visibility import rays as occluders
 from aoprecalc.visibility.depth_maps import DepthMapTester
-from aoprecalc.visibility.rays import RayTester
+from aoprecalc.visibility.rays import RayTester, embreex_problem, require_embreex
 
 
 class VisibilityTester(Protocol):
@@ -44,11 +43,11 @@ class Backend(Protocol):
     kind: str
     name: str
 
-    def admit(self, options: BakeOptions) -> None:
+    def check_size(self, options: BakeOptions) -> None:
         """Raise UsageError for sizes that are beyond the backend."""
         ...
 
-    def sampler(self, layout: Layout) -> TexelSampler:
+    def rasterizer(self, layout: Layout) -> Rasterizer:
         """Return what finds the surface under the texels of a layout."""
         ...
 
@@ -56,7 +55,7 @@ class Backend(Protocol):
         """Return what measures the visibility of up to `most` samples at a time; only maps have a `shadow_size`."""
         ...
 
-    def check(self) -> None:
+    def check_errors(self) -> None:
         """Raise RendererError if anything went wrong since the backend was opened."""
         ...
 
@@ -71,7 +70,7 @@ class GLBackend:
         self._renderer = renderer
         self.name = renderer.name
 
-    def admit(self, options: BakeOptions) -> None:
+    def check_size(self, options: BakeOptions) -> None:
         """Hold the texture to the greatest of the renderer's; its maps never reach that."""
         limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
         size = max(options.width, options.height)
@@ -81,16 +80,16 @@ class GLBackend:
                 "use a smaller one, or --backend ray"
             )
 
-    def sampler(self, layout: Layout) -> TexelSampler:
+    def rasterizer(self, layout: Layout) -> Rasterizer:
         """Return a Raster."""
-        return Raster(self._renderer.context, layout)
+        return GLRasterizer(self._renderer.context, layout)
 
     def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
         """Return a MapObserver."""
         self._renderer.context.gc()  # what an observer that is gone has held
         return DepthMapTester(self._renderer, surface, most, shadow_size)
 
-    def check(self) -> None:
+    def check_errors(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
         if self._renderer.context.error != "GL_NO_ERROR":
             raise RendererError(f"{self.name} reported an error while rendering; use smaller sizes or another driver")
@@ -105,20 +104,20 @@ class RayBackend:
     def __init__(self, threads: int) -> None:
         """Cast rays by `threads`, 0 is one a core. Raises RendererError where embreex is not installed."""
         self._threads = threads
-        occluders.require()
+        require_embreex()
 
-    def admit(self, options: BakeOptions) -> None:
+    def check_size(self, options: BakeOptions) -> None:
         """Take any size."""
 
-    def sampler(self, layout: Layout) -> TexelSampler:
-        """Return a ScanlineRaster."""
-        return ScanlineRaster(layout)
+    def rasterizer(self, layout: Layout) -> Rasterizer:
+        """Return a CPURasterizer."""
+        return CPURasterizer(layout)
 
     def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
         """Return a RayObserver."""
         return RayTester(surface, self._threads)
 
-    def check(self) -> None:
+    def check_errors(self) -> None:
         """Find nothing wrong: rays raise their errors at once."""
 
 
@@ -138,7 +137,7 @@ def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backe
     try:
         return GLBackend(stack.enter_context(open_renderer(options.threads)))
     except RendererError as error:
-        no_rays = occluders.obstacle()
+        no_rays = embreex_problem()
         if no_rays is not None:
             raise RendererError(f"{error}; or trace rays: {no_rays}") from error
         if options.backend == "gl":

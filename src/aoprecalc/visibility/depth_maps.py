@@ -11,9 +11,9 @@ from aoprecalc.gl.shaders import compute_program, draw_program
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.progress import Progress
-from aoprecalc.raster.samples import Samples, z_order
+from aoprecalc.raster.samples import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array
-from aoprecalc.visibility.projection import Projections, extreme_points, project
+from aoprecalc.visibility.projection import Projections, convex_hull_points, fit_projections
 
 GRID = 256  # steps a map texel to which vertices are moved: rasterisers do it, and doing it first makes all tiles equal
 _MOST_AXES = 8  # of one batch: the gather is compiled for all of them, which takes 0.35 s where no cache has it
@@ -26,7 +26,7 @@ _TRIANGLE_BYTES = 36  # its corners
 _R32UI = 0x8236  # of OpenGL: the bits of a float as a whole number
 
 
-class NearFarMaps:
+class DepthMaps:
     """Tiles, one an axis, of two targets: what is nearest to its positive and its negative end; see map_code.glsl."""
 
     def __init__(self, context: moderngl.Context, corners: Float32Array, size: int) -> None:
@@ -52,7 +52,7 @@ class NearFarMaps:
         longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
         # Like sizes together, as invocations run side by side; within them, neighbours write to the same part of a map.
         sizes = np.ceil(np.log2(np.maximum(longest, 1e-9)))
-        order = np.lexsort([z_order((511 * (corners.mean(axis=1) + 1)).astype(np.int64)), sizes])
+        order = np.lexsort([morton_codes((511 * (corners.mean(axis=1) + 1)).astype(np.int64)), sizes])
         self._longest = np.maximum.accumulate(longest[order])
         self._corners = context.buffer(np.ascontiguousarray(corners[order]))
         normals = np.repeat(face_normals(corners[order].astype(np.float64))[0], 3, axis=0).astype(np.float32)
@@ -119,10 +119,10 @@ class _Store:
     sums: moderngl.Buffer
 
 
-class Receivers:
+class ReceiverBuffers:
     """Puts a receiver at each sample, gathers visibility for all of them, and hands back the sums."""
 
-    def __init__(self, context: moderngl.Context, surface: NormalizedSurface, count: int, maps: NearFarMaps) -> None:
+    def __init__(self, context: moderngl.Context, surface: NormalizedSurface, count: int, maps: DepthMaps) -> None:
         """Upload the surface, and make room for `count` receivers that look into `maps`."""
         constants: dict[str, float | str] = {"LOCAL_SIZE": f"{_GATHER_LOCAL_SIZE}u", "NO_FACE": _NO_FACE}
         looks = " ".join(f"look(one, {5 * axis}); look(other, {5 * axis});" for axis in range(maps.capacity))
@@ -138,7 +138,12 @@ class Receivers:
         self._maps = maps
         self._surface = [
             context.buffer(np.ascontiguousarray(array))
-            for array in (surface.positions, surface.faces.astype(np.uint32), surface.shading, surface.geometric)
+            for array in (
+                surface.positions,
+                surface.faces.astype(np.uint32),
+                surface.shading_normals,
+                surface.geometric_normals,
+            )
         ]
         self._stores = [self._store(slice(start, min(start + _MOST, count))) for start in range(0, count, _MOST)]
         self._weights = context.buffer(reserve=min(count, _MOST) * 8)  # of one store at a time
@@ -203,15 +208,15 @@ class DepthMapTester:
 
     def __init__(self, renderer: Renderer, surface: NormalizedSurface, most: int, shadow_size: int) -> None:
         """Make room for `most` samples at a time and for maps of `shadow_size` texels a side."""
-        self._outline = extreme_points(surface.reach.astype(np.float64))
-        self._size, self._floor = shadow_size, surface.floor
-        self._maps = NearFarMaps(renderer.context, surface.occluders, shadow_size)
-        self._receivers = Receivers(renderer.context, surface, most, self._maps)
+        self._outline = convex_hull_points(surface.bounding_points.astype(np.float64))
+        self._size, self._floor = shadow_size, surface.ground_normal
+        self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size)
+        self._receivers = ReceiverBuffers(renderer.context, surface, most, self._maps)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return the visibility sums of the samples, see Observer."""
+        """Return the visibility sums of the samples, see VisibilityTester."""
         self._receivers.place(samples)
-        projections = project(axes, self._outline, self._size, self._floor)
+        projections = fit_projections(axes, self._outline, self._size, self._floor)
         small = self._maps.small(projections)
         for start in range(0, len(axes), self._maps.capacity):
             batch = projections.select(slice(start, start + self._maps.capacity))

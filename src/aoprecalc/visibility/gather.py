@@ -8,8 +8,8 @@ import numpy as np
 
 from aoprecalc.options import Estimator, Sampling
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import places, surface_of_texel
-from aoprecalc.raster.least_squares import Reconstruction
+from aoprecalc.raster.layout import area_per_texel, texel_positions
+from aoprecalc.raster.least_squares import LeastSquaresImage
 from aoprecalc.raster.samples import Samples
 from aoprecalc.types import BoolArray, Float32Array, Texels
 from aoprecalc.visibility.directions import texel_offset
@@ -63,8 +63,8 @@ def sampling_error(
 class VisibilitySource(Protocol):
     """Tells visibility sums; whoever tells them, they are the same."""
 
-    def sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
-        """Return what a run of the side's texels sees along a group of axes, (k, 2) float32; see Observer.
+    def visibility_sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
+        """Return what a run of the side's texels sees along a group of axes, (k, 2) float32; see VisibilityTester.
 
         samples   of the texels `held`, at the spot of the group
         Groups come in order, and for each the runs in order.
@@ -78,23 +78,23 @@ class LocalVisibility:
     def __init__(self, site: BakeSetup, side: SurfaceSide, shadow_size: int, most: int, progress: Progress) -> None:
         """Make an observer of up to `most` texels at a time; directions done are counted on `progress`."""
         self._tester = site.backend.tester(side.surface, most, shadow_size)
-        self._instances = SharedInstances.of(site.subject.scene)
+        self._instances = SharedInstances.from_scene(site.inputs.scene)
         self._site, self._progress = site, progress
 
-    def sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
+    def visibility_sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
         """See Sight."""
         axes = self._site.axes[self._site.groups[group]]
         return self._instances.accumulate(self._tester, samples, axes, group, self._progress)
 
 
-VisibilityFactory = Callable[[BakeSetup, SurfaceSide, int, int, Progress], VisibilitySource]  # as OwnSight is made
+VisibilityFactory = Callable[[BakeSetup, SurfaceSide, int, int, Progress], VisibilitySource]  # see LocalVisibility
 
 
 # From samples to the ambient occlusion of texels: the visibility of one group of axes after the other, summed.
 
 
 @dataclass(frozen=True, eq=False)
-class TexelVisibility:
+class TexelOcclusion:
     """What texels see.
 
     texels           k of them
@@ -108,20 +108,20 @@ class TexelVisibility:
     texels: Texels
     values: Float32Array
     measured: BoolArray
-    reconstruction: Reconstruction
+    reconstruction: LeastSquaresImage
     directions: int
     error: float | None
 
 
-def gather(site: BakeSetup, side: SurfaceSide, sight: VisibilitySource, most: int) -> TexelVisibility:
+def gather(site: BakeSetup, side: SurfaceSide, sight: VisibilitySource, most: int) -> TexelOcclusion:
     """Gather what a side's texels see along all axes, or fewer where the bake's `target_error` is reached before.
 
     Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
     difference tells the error. At most `most` texels are looked at at a time.
     """
-    scene, atlas, options, texels = site.subject.scene, site.subject.atlas, site.subject.options, side.texels
-    reconstruction = Reconstruction(texels.width, texels.height, wraps=atlas.wraps)
-    stands_for = surface_of_texel(scene, atlas, texels)
+    scene, atlas, options, texels = site.inputs.scene, site.inputs.atlas, site.inputs.options, side.texels
+    reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats)
+    stands_for = area_per_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
     used = [0, 0]  # directions of each half
     error = None
@@ -129,7 +129,7 @@ def gather(site: BakeSetup, side: SurfaceSide, sight: VisibilitySource, most: in
         count = 2 * (group.stop - group.start)
         for held in chunks(len(texels), most):
             samples = site.samples(side, held, number)
-            sums = sight.sums(samples, held, number)
+            sums = sight.visibility_sums(samples, held, number)
             halves[number % 2, held] += sums
             for start in range(0, len(sums), FIT_CHUNK):
                 part = slice(start, start + FIT_CHUNK)
@@ -137,11 +137,13 @@ def gather(site: BakeSetup, side: SurfaceSide, sight: VisibilitySource, most: in
                 values, measured = estimate(sums[part], count, options.estimator)
                 counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
                 weights = np.where(measured, counts_for * stands_for[some.faces], 0.0)
-                reconstruction.add(places(atlas, texels, some), 1.0 - values, weights, texel_offset(number))
+                reconstruction.add_samples(
+                    texel_positions(atlas, texels, some), 1.0 - values, weights, texel_offset(number)
+                )
         used[number % 2] += count
         if number % 2 or group is site.groups[-1]:
             error = sampling_error(halves, used, options.estimator, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
     values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
-    return TexelVisibility(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)
+    return TexelOcclusion(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)

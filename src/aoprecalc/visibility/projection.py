@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from aoprecalc.mesh.normals import area_vectors
-from aoprecalc.mesh.unit_sphere import taking_part
+from aoprecalc.mesh.unit_sphere import active_positions
 from aoprecalc.types import Atlas, Float64Array, Scene
-from aoprecalc.visibility.directions import axes, orthonormal_basis
+from aoprecalc.visibility.directions import light_axes, orthonormal_basis
 
 _TURNS = 16  # rotations about the axis that are tried for the tightest rectangle
 _MARGIN = 1.0  # empty map texels around the occluders, so that no rounding draws into a neighbour's tile
@@ -34,7 +34,7 @@ class Projections:
         return Projections(self.rows[chosen], self.pitch[chosen], self.below[chosen])
 
 
-def extreme_points(positions: Float64Array) -> Float64Array:
+def convex_hull_points(positions: Float64Array) -> Float64Array:
     """Return the corners of the convex hull of (v, 3) positions, flat ones in their plane; of a line its two ends."""
     principal = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2]
     for dimensions in (3, 2):
@@ -47,7 +47,7 @@ def extreme_points(positions: Float64Array) -> Float64Array:
     return positions[[along.argmin(), along.argmax()]]
 
 
-def project(
+def fit_projections(
     axes: Float64Array, outline: Float64Array, size: int, floor: tuple[float, float, float] | None = None
 ) -> Projections:
     """Fit a map of `size` x `size` texels to the points `outline`, (h, 3), seen along each of `axes`, (a, 3).
@@ -83,7 +83,7 @@ def project(
 
 # How large near/far maps have to be.
 
-LEAST, MOST = 512, 2048
+MIN_SHADOW_SIZE, MAX_SHADOW_SIZE = 512, 2048
 _STEP = 128
 _FINER = 1.25  # map texels across a surface texel: one would do for a distant occluder, not for one that touches
 _MANY = 1000  # directions that are worth maps of that fineness
@@ -102,9 +102,11 @@ def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -
     """
     area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.mapped]), axis=1).sum()
     if not texels or not area:
-        return LEAST
-    pitch = project(axes(2 * _SOME_AXES), extreme_points(taking_part(scene)), MOST).pitch
-    side = float(pitch.max(axis=1).mean()) * MOST
+        return MIN_SHADOW_SIZE
+    pitch = fit_projections(
+        light_axes(2 * _SOME_AXES), convex_hull_points(active_positions(scene)), MAX_SHADOW_SIZE
+    ).pitch
+    side = float(pitch.max(axis=1).mean()) * MAX_SHADOW_SIZE
     enough = min(1.0, (directions / _MANY) ** 0.375)
     wanted = _FINER * enough * side / math.sqrt(area / texels)
-    return int(min(MOST, max(LEAST, math.ceil(wanted / _STEP) * _STEP)))
+    return int(min(MAX_SHADOW_SIZE, max(MIN_SHADOW_SIZE, math.ceil(wanted / _STEP) * _STEP)))

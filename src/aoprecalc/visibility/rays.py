@@ -15,11 +15,11 @@ from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
 # Of the bounding radius: how far above its face a ray starts, so that it does not meet that face; 32-bit positions are
 # good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
-LIFT = 1e-5
+RAY_OFFSET = 1e-5
 _BLOCK = 1 << 18  # rays that a thread casts at a time
 
 
-def obstacle() -> str | None:
+def embreex_problem() -> str | None:
     """Return why rays cannot be cast here and what to do, or None where they can."""
     if find_spec("embreex") is None:
         return "embreex, which traces rays, is not installed; `pip install 'aoprecalc[ray]'`"
@@ -30,9 +30,9 @@ def obstacle() -> str | None:
     return None
 
 
-def require() -> None:
+def require_embreex() -> None:
     """Raise RendererError where rays cannot be cast."""
-    reason = obstacle()
+    reason = embreex_problem()
     if reason is not None:
         raise RendererError(reason)
 
@@ -45,7 +45,7 @@ class RayCaster:
 
         Raises RendererError where rays cannot be cast.
         """
-        require()
+        require_embreex()
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
@@ -85,10 +85,10 @@ class RayTester:
         self._occluders = RayCaster(surface.occluders, threads)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return the visibility sums of the samples, see Observer."""
+        """Return the visibility sums of the samples, see VisibilityTester."""
         there = np.flatnonzero(samples.faces >= 0)
-        places, normals, geometric = self._surface.at(samples.faces[there], samples.weights[there])
-        origins = (places + LIFT * geometric).astype(np.float32)
+        places, normals, geometric = self._surface.interpolate(samples.faces[there], samples.weights[there])
+        origins = (places + RAY_OFFSET * geometric).astype(np.float32)
         visible, whole = np.zeros(len(there)), np.zeros(len(there))
         for axis in axes:
             g_along, n_along = geometric @ axis, normals @ axis
@@ -96,7 +96,7 @@ class RayTester:
                 facing = np.flatnonzero((towards * g_along > 0) & (towards * n_along > 0))
                 weights = np.abs(n_along[facing])
                 direction = towards * axis
-                if self._surface.is_below(direction):
+                if self._surface.is_below_ground(direction):
                     hidden = np.ones(len(facing), bool)
                 else:
                     hidden = self._occluders.occluded(origins[facing], direction[None].astype(np.float32))

@@ -8,11 +8,11 @@ from pathlib import Path
 from aoprecalc.errors import UsageError
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
-from aoprecalc.raster.layout import lay_out
-from aoprecalc.raster.samples import CENTER, Samples, only
+from aoprecalc.raster.layout import build_layout
+from aoprecalc.raster.samples import CENTER, Samples, keep_faces
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
-from aoprecalc.visibility.directions import axes, groups, texel_offset
+from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
 
 FIT_CHUNK = 1 << 20  # texels that are fitted at a time, whatever the portion, so that no sum depends on it
 _MOST_PARTS = 8  # without a limit: drawing maps twice for 4096^2 texels takes a tenth longer, and saves 400 MB
@@ -115,33 +115,33 @@ class SurfaceSide:
 
 
 class BakeSetup:
-    """A subject on a backend.
+    """A inputs on a backend.
 
     axes     (a, 3) float64, in groups whose sums are added in their order
     texels   all that the surface covers
     sides    the front, and the back where some faces have one
     """
 
-    def __init__(self, backend: Backend, subject: BakeInputs) -> None:
+    def __init__(self, backend: Backend, inputs: BakeInputs) -> None:
         """Find the texels."""
-        self.backend, self.subject = backend, subject
-        scene, options = subject.scene, subject.options
-        self._sampler = backend.sampler(lay_out(scene, subject.atlas, options.width, options.height))
-        self.axes: Float64Array = axes(options.directions, options.sampling, options.seed)
-        self.groups = groups(len(self.axes))
-        self.texels = self._sampler.coverage()
-        self.sides = [SurfaceSide(NormalizedSurface.of(scene, subject.normals), self.texels, None)]
+        self.backend, self.inputs = backend, inputs
+        scene, options = inputs.scene, inputs.options
+        self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
+        self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
+        self.groups = axis_groups(len(self.axes))
+        self.texels = self._rasterizer.coverage()
+        self.sides = [SurfaceSide(NormalizedSurface.from_scene(scene, inputs.normals), self.texels, None)]
         backs = scene.two_sided & scene.receives
         if backs.any() and len(self.texels):
-            face = self._sampler.samples(self.texels, CENTER).faces
+            face = self._rasterizer.samples(self.texels, CENTER).faces
             behind = self.texels.select((face < 0) | backs[face])
-            self.sides.append(SurfaceSide(self.sides[0].surface.turned(), behind, backs))
+            self.sides.append(SurfaceSide(self.sides[0].surface.flipped(), behind, backs))
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
-        return self._sampler.overlap()
+        return self._rasterizer.overlap()
 
     def samples(self, side: SurfaceSide, held: slice, group: int) -> Samples:
         """Return what lies under a run of a side's texels at the spot of a group of axes."""
-        samples = self._sampler.samples(side.texels.select(held), texel_offset(group))
-        return samples if side.faces is None else only(samples, side.faces)
+        samples = self._rasterizer.samples(side.texels.select(held), texel_offset(group))
+        return samples if side.faces is None else keep_faces(samples, side.faces)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.io.images import decode_pixels, read_pixels
-from aoprecalc.types import SWAPPED, Atlas, Float32Array, Float64Array, Scene
+from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Scene
 
 
 def placed_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
@@ -20,7 +20,7 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
             owner = scene.parts[part.uv_owner]
             mirrored = (part.vertices != owner.vertices).any(axis=1)
             there = atlas.uvs[owner.faces]
-            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, SWAPPED], there)
+            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, REVERSED_WINDING], there)
     return uvs
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.vertices import distinct_rows
+from aoprecalc.mesh.vertices import unique_rows
 from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 
 
@@ -98,7 +98,7 @@ def build_scene(
 
     return Scene(
         path=path,
-        kind=kind,
+        format=kind,
         positions=positions,
         faces=faces.astype(np.int32),
         normals=_gather_normals(filled, normals_of_faces, said),
@@ -176,7 +176,7 @@ def _weld(pieces: Sequence[Piece]) -> tuple[Float64Array, NDArray[np.intp]]:
         corners.append(local.reshape(-1, 3) + offset)
         offset += len(used)
     positions = np.concatenate(used_positions)
-    first, which = distinct_rows(positions)
+    first, which = unique_rows(positions)
     return positions[first] + 0.0, which[np.concatenate(corners)]  # + 0.0 turns -0.0 into 0.0
 
 

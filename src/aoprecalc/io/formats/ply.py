@@ -17,11 +17,11 @@ from aoprecalc.io.formats.base import placed_uvs, what_is_lost
 from aoprecalc.io.formats.builder import Piece, build_scene, check_indices, damaged
 from aoprecalc.io.formats.obj.reader import ObjDocument
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
-from aoprecalc.io.formats.polygons import Indices, Polygons, polygon_triangles, strip_triangles
+from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
 from aoprecalc.io.outputs import Outputs, relative_path
-from aoprecalc.mesh.vertices import distinct_rows
+from aoprecalc.mesh.vertices import unique_rows
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, Float32Array, Float64Array, Scene
+from aoprecalc.types import Atlas, Float32Array, Float64Array, Int64Array, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 VERTEX_NORMALS = ("nx", "ny", "nz")
@@ -122,7 +122,7 @@ def _faces(
         return Polygons.of_triangles(0), np.empty((0, 3), dtype=np.int64), None
     vertices = lists.values.astype(np.int64)
     known = (vertices >= 0) & (vertices < len(positions))
-    # Indices that are wrong are reported later; until then any position will do.
+    # Int64Array that are wrong are reported later; until then any position will do.
     polygons = Polygons(lists.counts, *polygon_triangles(lists.counts, np.where(known, vertices, 0), positions))
     texcoord = face.lists.get("texcoord")
     if texcoord is None or not np.array_equal(texcoord.counts, 2 * lists.counts):
@@ -240,7 +240,7 @@ def _shortest(positions: Float64Array) -> NDArray[Any]:
     return single if np.array_equal(single, positions) else positions
 
 
-def _split(origins: Indices, count: int, *values: NDArray[Any]) -> tuple[Indices, Indices, Indices]:
+def _split(origins: Int64Array, count: int, *values: NDArray[Any]) -> tuple[Int64Array, Int64Array, Int64Array]:
     """Make vertices of corners that have some (n, c) values and come from one of `count` vertices, (n,).
 
     The first that is made of each keeps its number, the others come after all of them.
@@ -248,7 +248,7 @@ def _split(origins: Indices, count: int, *values: NDArray[Any]) -> tuple[Indices
     Returns the (n,) vertex of each corner; for each vertex a corner that has its values, -1 for none; and which of the
     vertices it was.
     """
-    corner, which = distinct_rows(origins, *values)
+    corner, which = unique_rows(origins, *values)
     of_corner = origins[corner]
     made_first = np.empty(count, dtype=np.int64)
     made_first[of_corner[::-1]] = np.arange(len(corner))[::-1]  # the last assignment stays

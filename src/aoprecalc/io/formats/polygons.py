@@ -7,9 +7,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import BoolArray
+from aoprecalc.types import BoolArray, Int64Array
 
-Indices = NDArray[np.int64]
 Points = NDArray[np.float64]
 
 # A polygon that is no simple fan and has more corners than this is cut as one: cutting ears takes quadratic time.
@@ -27,9 +26,9 @@ class Faces:
     owners   (m,) the polygon each is, or is part of; ascending
     """
 
-    counts: Indices
-    corners: Indices
-    owners: Indices
+    counts: Int64Array
+    corners: Int64Array
+    owners: Int64Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +40,9 @@ class Polygons:
     owners     (t,) which polygon each triangle is from, ascending
     """
 
-    counts: Indices
-    triangles: Indices
-    owners: Indices
+    counts: Int64Array
+    triangles: Int64Array
+    owners: Int64Array
 
     @classmethod
     def of_triangles(cls, number: int) -> Self:
@@ -85,14 +84,14 @@ class Polygons:
         return Faces(counts[order], stand_ins[_ragged(counts, order)], owners[order])
 
 
-def _ragged(counts: Indices, order: Indices) -> Indices:
+def _ragged(counts: Int64Array, order: Int64Array) -> Int64Array:
     """Return where the corners of faces that lie end to end are, (sum,), the faces taken in another order."""
     starts, taken = np.cumsum(counts) - counts, counts[order]
-    moves: Indices = np.repeat(starts[order] - (np.cumsum(taken) - taken), taken)
+    moves: Int64Array = np.repeat(starts[order] - (np.cumsum(taken) - taken), taken)
     return np.arange(len(moves)) + moves
 
 
-def polygon_triangles(counts: Indices, vertices: Indices, positions: Points) -> tuple[Indices, Indices]:
+def polygon_triangles(counts: Int64Array, vertices: Int64Array, positions: Points) -> tuple[Int64Array, Int64Array]:
     """Cut polygons into triangles that keep their winding, their order and their corners.
 
     counts     (p,) corners of each polygon; those of less than 3 give nothing
@@ -102,8 +101,8 @@ def polygon_triangles(counts: Indices, vertices: Indices, positions: Points) -> 
     Returns (corners, polygons): (t, 3) into `vertices`, and (t,) which polygon each triangle is from, ascending.
     """
     starts = np.cumsum(counts) - counts
-    cut: list[Indices] = []
-    owners: list[Indices] = []
+    cut: list[Int64Array] = []
+    owners: list[Int64Array] = []
     for size in np.unique(counts[counts >= 3]):
         chosen = np.flatnonzero(counts == size)
         around = starts[chosen][:, None] + np.arange(size)
@@ -116,7 +115,7 @@ def polygon_triangles(counts: Indices, vertices: Indices, positions: Points) -> 
     return np.concatenate(cut)[order], owner[order]
 
 
-def strip_triangles(strips: Indices) -> Indices:
+def strip_triangles(strips: Int64Array) -> Int64Array:
     """Return the (t, 3) triangles of strips of vertices laid end to end, (n,) with -1 between them.
 
     Triangles that repeat a vertex are left out: they are there to turn a corner.
@@ -133,12 +132,12 @@ def strip_triangles(strips: Indices) -> Indices:
     return np.asarray(triangles[kept])
 
 
-def fan_triangles(fan: Indices) -> Indices:
+def fan_triangles(fan: Int64Array) -> Int64Array:
     """Return the (t, 3) triangles of one fan of (n,) vertices around its first."""
     return np.column_stack([np.broadcast_to(fan[:1], max(len(fan) - 2, 0)), fan[1:-1], fan[2:]])
 
 
-def _cut_alike(around: Indices, points: Points) -> Indices:
+def _cut_alike(around: Int64Array, points: Points) -> Int64Array:
     """Cut (m, n) polygons with (m, n, 3) points into (m, n - 2, 3) triangles."""
     size = around.shape[1]
     fan = fan_triangles(np.arange(size))
@@ -162,7 +161,7 @@ def _cut_alike(around: Indices, points: Points) -> Indices:
     return triangles
 
 
-def _least_area(points: Points, triangles: Indices, normals: Points) -> Points:
+def _least_area(points: Points, triangles: Int64Array, normals: Points) -> Points:
     """Return the (m,) least share of their polygon's area that triangles have: negative where one is folded over."""
     a, b, c = (points[:, triangles[:, corner]] for corner in range(3))
     areas = np.einsum("mtk,mk->mt", np.cross(b - a, c - a), normals)
@@ -170,7 +169,7 @@ def _least_area(points: Points, triangles: Indices, normals: Points) -> Points:
     return np.asarray(areas.min(axis=1) / np.where(whole > 0, whole, 1))
 
 
-def _cut_ears(points: Points, normal: Points) -> Indices:
+def _cut_ears(points: Points, normal: Points) -> Int64Array:
     """Cut one polygon of (n, 3) points into (n - 2, 3) triangles, one ear after another; a fan of what has no ear."""
     keep = np.argsort(np.abs(normal))[:2]  # look along the axis that the polygon faces most
     flat = points[:, np.sort(keep)]

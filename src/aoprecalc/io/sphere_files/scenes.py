@@ -9,7 +9,7 @@ import numpy as np
 from aoprecalc.io.formats.gltf.accessors import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 from aoprecalc.io.formats.gltf.writer import glb
-from aoprecalc.mesh.vertices import split_corners
+from aoprecalc.mesh.vertices import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
 
@@ -89,7 +89,7 @@ def _add(document: Json, name: str, primitive: Json, material: Json) -> int:
 
 def _surface(buffer: GltfBuffer, scene: Scene) -> Json:
     """Return the primitive of a scene; it has the file's normals, without which viewers shade each face flat."""
-    split = split_corners(scene.faces, *([] if scene.normals is None else [scene.normals]))
+    split = corners_to_vertices(scene.faces, *([] if scene.normals is None else [scene.normals]))
     with np.errstate(over="ignore"):
         positions = scene.positions[scene.faces.reshape(-1)[split.corner]].astype(np.float32)
     if not np.isfinite(positions).all():

@@ -12,8 +12,8 @@ from aoprecalc.io.formats.gltf.accessors import GltfBuffer, doubles, raw_rows, v
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, Place
 from aoprecalc.io.formats.gltf.reader import INSTANCING, GltfSource
-from aoprecalc.mesh.vertices import split_corners
-from aoprecalc.types import SWAPPED, Atlas, Float32Array, Float64Array, Part, Scene
+from aoprecalc.mesh.vertices import corners_to_vertices
+from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.
 SETS_EVERYWHERE = 2
@@ -111,7 +111,7 @@ def _rewrite(
         values["NORMAL"] = _local_normals(source, part, normals)
     if uvs is not None:
         values[uv_name] = np.stack([uvs[:, :, 0], 1.0 - uvs[:, :, 1]], axis=2).astype(np.float32)
-    split = split_corners(part.vertices, *values.values())
+    split = corners_to_vertices(part.vertices, *values.values())
     vertices = part.vertices.reshape(-1)[split.corner]
 
     def pick(index: int, *, nothing: bool = False) -> int:
@@ -122,7 +122,7 @@ def _rewrite(
     attributes = {name: pick(index) for name, index in original["attributes"].items() if name not in values}
     for name, corner_values in values.items():
         attributes[name] = buffer.add_floats(corner_values.reshape(len(part.vertices) * 3, -1)[split.corner])
-    triangles = split.triangles[:, SWAPPED] if source.mirrored else split.triangles
+    triangles = split.triangles[:, REVERSED_WINDING] if source.mirrored else split.triangles
     primitive = deepcopy(original) | {"attributes": attributes, "indices": buffer.add_triangles(triangles)}
     primitive.pop("mode", None)
     if "targets" in original:

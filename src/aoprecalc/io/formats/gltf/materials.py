@@ -10,7 +10,7 @@ from aoprecalc.io.formats.base import Picture
 from aoprecalc.io.formats.builder import check_indices, damaged
 from aoprecalc.io.formats.gltf.accessors import doubles, view_bytes
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, local_file
-from aoprecalc.types import SWAPPED, AlphaMask, Float32Array, Float64Array, Material, Wrap
+from aoprecalc.types import REVERSED_WINDING, AlphaMask, Float32Array, Float64Array, Material, Wrap
 
 TRANSFORM = "KHR_texture_transform"
 
@@ -162,6 +162,8 @@ def mirrored_material(material: Material) -> Material:
     if material.alpha_mask is None:
         return material
     alpha_mask = replace(
-        material.alpha_mask, uvs=material.alpha_mask.uvs[:, SWAPPED], factors=material.alpha_mask.factors[:, SWAPPED]
+        material.alpha_mask,
+        uvs=material.alpha_mask.uvs[:, REVERSED_WINDING],
+        factors=material.alpha_mask.factors[:, REVERSED_WINDING],
     )
     return replace(material, alpha_mask=alpha_mask)

@@ -165,7 +165,7 @@ def _obstacle(document: GltfDocument, info: Json | None, number: int, atlas: Atl
         return "with one on other UVs than the bake's"
     if (use.scale, use.rotation, use.offset) != ((1, 1), 0, (0, 0)):
         return "with one that is transformed (apply KHR_texture_transform to the UVs first)"
-    if atlas.wraps and texture_wraps(document, use.index) != ("repeat", "repeat"):
+    if atlas.repeats and texture_wraps(document, use.index) != ("repeat", "repeat"):
         return "with one that does not repeat as the UVs do (set its sampler to REPEAT)"
     return ""
 
@@ -174,7 +174,7 @@ def _packed(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Float
     pixels = texture_picture(document, texture).pixels()
     colors = pixels[:, :, 1:3] if pixels.shape[2] >= 3 else pixels[:, :, [0, 0]]  # grey is the same in all
     height, width = max(len(pixels), len(occlusion)), max(pixels.shape[1], occlusion.shape[1])
-    own: Wrap = "repeat" if atlas.wraps else "clamp"
+    own: Wrap = "repeat" if atlas.repeats else "clamp"
     layers = [
         _enlarged(occlusion[:, :, None], height, width, (own, own)),
         _enlarged(colors, height, width, texture_wraps(document, texture)),

@@ -17,7 +17,7 @@ from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_materia
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.types import SWAPPED, Float64Array, Material, Part, Scene
+from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 _PLACES = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
@@ -178,7 +178,7 @@ def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
         anywhere = first.setdefault((source.mesh, source.primitive), number)
         here = first.setdefault((source.mesh, source.primitive, source.node), number)
         earlier = [None if other == number else other for other in (anywhere, here)]
-        result.append(replace(part, instance_of=earlier[0], repeat_of=earlier[1]))
+        result.append(replace(part, instance_of=earlier[0], duplicate_of=earlier[1]))
     return tuple(result)
 
 
@@ -234,7 +234,7 @@ def _piece(
     linear, vertices = source.linear, shape.vertices
     positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
     if source.mirrored:
-        vertices, material = vertices[:, SWAPPED], mirrored_material(material)
+        vertices, material = vertices[:, REVERSED_WINDING], mirrored_material(material)
     if shape.normals is None:  # then they are those of the faces, says the specification
         normals = np.repeat(face_normals(positions[vertices])[0][:, None], 3, axis=1)
     else:

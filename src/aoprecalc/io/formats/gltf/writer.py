@@ -25,7 +25,7 @@ from aoprecalc.io.formats.obj.reader import ObjDocument
 from aoprecalc.io.formats.obj.writer import Use, material_names, material_use
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
-from aoprecalc.mesh.vertices import split_corners
+from aoprecalc.mesh.vertices import corners_to_vertices
 from aoprecalc.options import Pack
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
@@ -89,7 +89,7 @@ def _primitive(
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
     values |= {f"TEXCOORD_{number}": _upside_down(uvs[faces]) for number, uvs in enumerate(uv_sets)}
-    split = split_corners(scene.faces[faces], *values.values())
+    split = corners_to_vertices(scene.faces[faces], *values.values())
     positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]]
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
     for name, array in values.items():
@@ -145,7 +145,7 @@ def write_gltf(
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
     about_texture: tuple[str, ...] = ()
     if len(textures) < len(materials):
-        number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.wraps)
+        number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.repeats)
         textures = dict.fromkeys(materials, number) | textures
         if is_fresh:
             show_texture(document, sets, number)

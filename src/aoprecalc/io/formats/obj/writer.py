@@ -14,11 +14,11 @@ from aoprecalc.io.formats.base import placed_uvs, what_is_lost
 from aoprecalc.io.formats.obj.materials import MtlMaterial, moved, names_picture
 from aoprecalc.io.formats.obj.reader import ObjDocument, Section, statement
 from aoprecalc.io.formats.ply import PlyDocument
-from aoprecalc.io.formats.polygons import Faces, Indices, Polygons
+from aoprecalc.io.formats.polygons import Faces, Polygons
 from aoprecalc.io.outputs import Outputs, relative_path
-from aoprecalc.mesh.vertices import distinct_rows
+from aoprecalc.mesh.vertices import unique_rows
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, BoolArray, Float32Array, Part, Scene
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
 
 _WHITE = "Kd 1 1 1"
 
@@ -101,7 +101,7 @@ def fresh_document(scene: Scene) -> ObjDocument:
     for column, (template, values) in enumerate(((UV, scene.uvs), (NORMAL, scene.normals)), 1):
         if values is not None:
             rows = values.reshape(-1, values.shape[2])
-            first, which = distinct_rows(rows)
+            first, which = unique_rows(rows)
             corners[polygons.triangles, column] = which.reshape(-1, 3)
             lines += row_lines(template, rows[first])
 
@@ -127,7 +127,7 @@ class _Rows:
     lines     all that there are, for the place before the first face; None: those of the file stay where they are
     """
 
-    numbers: Indices
+    numbers: Int64Array
     lines: list[str] | None
 
 
@@ -167,7 +167,13 @@ def _has_normals(document: ObjDocument, scene: Scene, normals: Float32Array) -> 
 
 
 def _rows(
-    lines: Sequence[str], keyword: str, old: Indices, template: str, values: NDArray[Any], new: BoolArray, faces: Faces
+    lines: Sequence[str],
+    keyword: str,
+    old: Int64Array,
+    template: str,
+    values: NDArray[Any],
+    new: BoolArray,
+    faces: Faces,
 ) -> _Rows:
     """Number the (t, 3, c) values of the triangles that are `new`, (t,), after the lines that other faces need."""
     is_new = np.repeat(new, 3)[faces.corners]
@@ -175,13 +181,13 @@ def _rows(
         return _Rows(old + 1, None)
     kept = [line for line in lines if statement(line)[0] == keyword] if (old[~is_new] >= 0).any() else []
     rows = values.reshape(-1, values.shape[2])[faces.corners[is_new]]
-    first, which = distinct_rows(rows)
+    first, which = unique_rows(rows)
     numbers = old + 1
     numbers[is_new] = len(kept) + 1 + which
     return _Rows(numbers, kept + row_lines(template, rows[first]))
 
 
-def _face_texts(counts: Indices, vertices: Indices, uvs: Indices, normals: Indices) -> list[str]:
+def _face_texts(counts: Int64Array, vertices: Int64Array, uvs: Int64Array, normals: Int64Array) -> list[str]:
     """Return the `f` line of each face; a face has UVs, or normals, where all of its corners do."""
     starts = np.cumsum(counts) - counts
     has_uvs, has_normals = (np.minimum.reduceat(numbers, starts) > 0 for numbers in (uvs, normals))
