@@ -1,5 +1,6 @@
 # make demo    bake an example, fit its spheres, and say where the pictures are
-# make test    run the tests
+# make test    run the quick tests: every command, backend and format
+# make test-all    run every test; make test-slow: those that make test leaves out
 # make lint    ruff and mypy
 # make bench   measure speed and memory
 # All of them need `make setup` only once; it comes by itself.
@@ -7,8 +8,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/.setup
+PYTEST = $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
-.PHONY: setup demo test lint bench clean
+.PHONY: setup demo test test-slow test-all lint bench clean
 
 setup: $(SETUP)
 
@@ -29,7 +31,13 @@ demo: $(SETUP)
 	@echo "  demo/colonnade_picture.png   the mesh lit with it, its shadow cast by the spheres"
 
 test: $(SETUP)
-	$(BIN)/python -m pytest -n auto
+	$(PYTEST) -m "not slow"
+
+test-slow: $(SETUP)
+	$(PYTEST) -m slow
+
+test-all: $(SETUP)
+	$(PYTEST)
 
 lint: $(SETUP)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[lint]'

@@ -16,8 +16,8 @@ from aoprecalc.io import find_occlusion, load_scene
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.sampling import SurfacePoints, sample_surface
 from aoprecalc.mesh.topology import face_components
-from aoprecalc.metrics.errors import errors_at_levels, summarise
-from aoprecalc.metrics.reference import reference
+from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
@@ -46,9 +46,9 @@ def compare(path: Path) -> list[dict[str, object]]:
     mapped = face_normals(scene.corners)[1]
     normals = shading_normals(scene)
     points = sample_surface(scene, mapped, 20_000, 0)
-    truth = reference(scene, normals, points, VerifyOptions(), Progress())
+    truth = reference_ao(scene, normals, points, VerifyOptions(), Progress())
     places = points.interpolate(found.uvs)
-    errors = errors_at_levels(found.values, places, truth, repeats=False, levels=LEVELS)
+    errors = errors_per_mip_level(found.values, places, truth, repeats=False, levels=LEVELS)
 
     charts = np.full(len(scene.faces), -1)
     charts[mapped] = face_components(corner_ids(scene.faces[mapped], found.uvs[mapped]))
@@ -59,12 +59,14 @@ def compare(path: Path) -> list[dict[str, object]]:
     there = samples.faces >= 0
     index, faces = texels.index[there], samples.faces[there]
     at_texels = SurfacePoints(faces, samples.weights[there].astype(float))
-    values = reference(scene, normals, at_texels, VerifyOptions(rays=TEXEL_RAYS), Progress())
+    values = reference_ao(scene, normals, at_texels, VerifyOptions(rays=TEXEL_RAYS), Progress())
     rows = []
     for level, error in enumerate(errors):
         size = (width >> level, height >> level)
         ideal = look_up(index, values, charts[faces], places, charts[points.faces], size, level, width)
-        rows.append({"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": summarise(ideal - truth).rmse})
+        rows.append(
+            {"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": error_statistics(ideal - truth).rmse}
+        )
     return rows
 
 

@@ -37,10 +37,10 @@ import trimesh
 from aoprecalc.io import load_scene
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit, measure
+from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.spheres.lloyd import lloyd
 from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.sampling import Frame, draw
+from aoprecalc.spheres.sampling import NormalizedFrame, sample_surface
 from aoprecalc.types import Scene
 
 Row = dict[str, object]
@@ -139,7 +139,7 @@ def plan(peers: str | None) -> list[tuple[str, str, Path | None, Callable[[Scene
 def quality(scene: Scene, options: SphereOptions) -> Row:
     """Fit by one of our methods."""
     start = perf_counter()
-    spheres, found = fit(scene, options, Progress())
+    spheres, found = fit_sphere_set(scene, options, Progress())
     seconds = perf_counter() - start
     row: Row = {"spheres": options.spheres, "made": len(spheres), "method": options.method, "seconds": seconds}
     return row | {what: found[what] for what in MEASURES}
@@ -164,7 +164,7 @@ def morphit(scene: Scene, options: SphereOptions, peers: str | None) -> Row:
                 raise PeerMissing((done.stderr.strip().splitlines() or ["failed"])[-1])
             told = json.loads(done.stdout.splitlines()[-1])
             centers, radii = np.array(told["centers"]).reshape(-1, 3) / scale, np.array(told["radii"]) / scale
-            found = measure(scene, centers, radii, options, Progress())
+            found = measure_quality(scene, centers, radii, options, Progress())
             row: Row = {"spheres": options.spheres, "made": len(radii), "method": "MorphIt-B"}
             row |= {"longest_side": size, "seconds": told["seconds"]}
             rows.append(row | {what: found[what] for what in MEASURES})
@@ -178,8 +178,8 @@ def kmeans(scene: Scene) -> Row:
     except ModuleNotFoundError as error:
         raise PeerMissing(f"scikit-learn: {error}") from error
     options = SphereOptions(spheres=USUAL)
-    frame = Frame.around(scene.positions)
-    points = draw(scene, frame, options.samples, USUAL, np.random.default_rng(options.seed))
+    frame = NormalizedFrame.from_positions(scene.positions)
+    points = sample_surface(scene, frame, options.samples, USUAL, np.random.default_rng(options.seed))
     start, most = points[:USUAL], options.max_iterations
     theirs_at = KMeans(USUAL, init=start, n_init=1, tol=0, max_iter=most, algorithm="lloyd")
     seconds = []
@@ -210,15 +210,15 @@ def scaled(scene: Scene, scale: float) -> Row:
 
 def collision(scene: Scene) -> Row:
     """See what share of fresh samples the spheres hold, and what they spill, beside Lloyd's with radius cover."""
-    frame = Frame.around(scene.positions)
-    fresh = draw(scene, frame, FRESH, 1, np.random.default_rng(FRESH_SEED))
+    frame = NormalizedFrame.from_positions(scene.positions)
+    fresh = sample_surface(scene, frame, FRESH, 1, np.random.default_rng(FRESH_SEED))
     row: Row = {"spheres": USUAL}
     for prefix, options in (
         ("", SphereOptions(spheres=USUAL, method="collision")),
         ("cover_", SphereOptions(spheres=USUAL, radius="cover")),
     ):
-        spheres, found = fit(scene, options, Progress())
-        beyond = signed_distances(fresh, frame.enter(spheres.centers), spheres.radii / frame.scale)
+        spheres, found = fit_sphere_set(scene, options, Progress())
+        beyond = signed_distances(fresh, frame.to_normalized(spheres.centers), spheres.radii / frame.scale)
         row |= {f"{prefix}held": float((beyond <= NEAR * frame.diagonal).mean())}
         row |= {f"{prefix}spill": found["spill"], f"{prefix}silhouette_iou": found["silhouette_iou"]}
     return row

@@ -20,8 +20,8 @@ from aoprecalc.gl.context import open_renderer
 from aoprecalc.io import load_scene
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import build_layout
-from aoprecalc.render import spheres_panels
-from aoprecalc.spheres import fit
+from aoprecalc.render import preview_panels
+from aoprecalc.spheres import fit_sphere_set
 from aoprecalc.types import Baked, Scene
 
 HERE = Path(__file__).parent
@@ -154,8 +154,8 @@ def spheres() -> Image.Image | None:
             print(f"spheres.png: without {name}, which is not in {MESHES}")
             continue
         scene = load_scene(MESHES / name)
-        fitted = [fit(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
-        panels = spheres_panels(scene, [(one.centers, one.radii) for one in fitted], PANEL, up)
+        fitted = [fit_sphere_set(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
+        panels = preview_panels(scene, [(one.centers, one.radii) for one in fitted], PANEL, up)
         rows.append(np.concatenate(panels, axis=1))
     if not rows:
         return None

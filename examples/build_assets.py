@@ -13,13 +13,13 @@ from pathlib import Path
 import aoprecalc
 
 
-class AssetLines(aoprecalc.Watcher):
+class AssetLines(aoprecalc.BatchProgress):
     """Prints a line for each asset, with the share of the build that is done."""
 
     def begin(self, total: int) -> None:
         self.total, self.done = total, 0
 
-    def end(self, result: aoprecalc.Result) -> None:
+    def end(self, result: aoprecalc.AssetResult) -> None:
         self.done += 1
         said = result.failure.message if result.failure else f"{result.seconds:.1f} s"
         print(f"{self.done:>4} of {self.total}  {result.status:<9}  {result.asset.name}  {said}")
@@ -36,7 +36,7 @@ def build(patterns: list[str], folder: Path, size: int, directions: int) -> aopr
         bake=aoprecalc.BakeOptions(size, size, directions=directions, crease_angle=40),
         spheres=aoprecalc.SphereOptions(50, samples=20_000),
         options=aoprecalc.BatchOptions(timeout=600),
-        watcher=AssetLines(),
+        progress=AssetLines(),
     )
     counts = result.report["counts"]
     print(", ".join(f"{count} {status}" for status, count in counts.items() if count))

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.gl.context import open_renderer
+from shapes import MESHES
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a shell; programs would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -21,6 +22,19 @@ def renderer():
     with open_renderer() as renderer:
         yield renderer
         assert renderer.context.error == "GL_NO_ERROR"
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the tests that need OpenGL: they use the fixture above, or "gl" is one of their parameters.
+
+    Tests marked `corpus` are skipped where their meshes are missing.
+    """
+    for item in items:
+        if item.get_closest_marker("corpus") and not MESHES.is_dir():
+            item.add_marker(pytest.mark.skip(reason="the folder shared/meshes is not beside the repository"))
+        parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
+        if "renderer" in item.fixturenames or any(isinstance(value, str) and value == "gl" for value in parameters):
+            item.add_marker("gl")
 
 
 @pytest.hookimpl(trylast=True)  # after pytest has asked for stacks among the dots, where nobody finds them

@@ -8,6 +8,8 @@ from scipy.spatial import ConvexHull
 
 from aoprecalc.types import Part, Scene
 
+MESHES = Path(__file__).parents[2] / "shared" / "meshes"  # beside the repository, for tests marked `corpus`
+
 
 def scene(positions, faces, uvs=None, normals=None) -> Scene:
     """Make a Scene of a shape; uvs (f, 3, 2) and normals (f, 3, 3) at its corners are optional."""

@@ -9,7 +9,7 @@ from aoprecalc.api import bake as baking
 from aoprecalc.api.bake import bake_scene
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.mesh.topology import boundary_edges
-from aoprecalc.metrics.reference import reference
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import corner_ids
@@ -37,7 +37,7 @@ def test_look_ups_beside_a_border_are_hardly_worse_than_inside(shape):
     baked = bake_scene(made, BakeOptions(128, 128))
     points = sample_surface(made, baked.atlas.mapped, 4000, seed=1)
     uvs = points.interpolate(baked.atlas.uvs)
-    truth = reference(made, baked.normals, points, VerifyOptions(rays=1024), Progress())
+    truth = reference_ao(made, baked.normals, points, VerifyOptions(rays=1024), Progress())
     errors = bilinear(baked.texture.values, uvs, repeats=False) - truth
     beside = texels_from_border(made, baked.atlas, uvs, 128) < 1
     assert beside.sum() > 500

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -13,9 +12,9 @@ from gltf_kit.gltf_compare import differences
 from gltf_kit.gltf_occlusion import occlusion_faults, receivers
 from gltf_kit.gltf_validator import needs_validator, new_issues
 from gltf_kit.gltf_values import GltfValues
+from shapes import MESHES
 
-MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
-needs_meshes = pytest.mark.skipif(not MESHES.is_dir(), reason="the folder shared/meshes is not beside the repository")
+pytestmark = pytest.mark.corpus
 
 
 @pytest.fixture(scope="module", params=["ToyCar", "DamagedHelmet"])
@@ -32,14 +31,12 @@ def trip(request, tmp_path_factory):
     return path, bake(path, folder / "out", options=BakeOptions(512, 512, directions=32))
 
 
-@needs_meshes
 @needs_validator
 def test_it_is_as_valid_as_it_was(trip):
     path, result = trip
     assert new_issues(path, result.mesh_path) == []
 
 
-@needs_meshes
 def test_all_else_is_as_it_was(trip):
     path, result = trip
     before, after = GltfValues(path), GltfValues(result.mesh_path)

@@ -1,14 +1,12 @@
 """Real files that break loaders: each gives a scene or one clear line, never anything else."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
+from shapes import MESHES
 
-MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
 KINDS = {".obj", ".ply", ".stl", ".off", ".gltf", ".glb"}
 FILES = sorted(file.relative_to(MESHES).as_posix() for file in MESHES.rglob("*") if file.suffix.lower() in KINDS)
 
@@ -42,7 +40,7 @@ KNOWN = {
 }
 
 
-@pytest.mark.skipif(not FILES, reason="the folder shared/meshes is not beside the repository")
+@pytest.mark.corpus
 @pytest.mark.parametrize("name", FILES or ["none"])
 def test_it_loads_or_says_why_not(name, capfd, recwarn):
     known = KNOWN.get(name)

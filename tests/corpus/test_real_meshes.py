@@ -1,7 +1,5 @@
 """Whole bakes of real meshes: beside a map that others ray-traced, and without specks at chart borders."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,19 +9,17 @@ from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
+from shapes import MESHES
 
-MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
-needs_meshes = pytest.mark.skipif(not MESHES.is_dir(), reason="the folder shared/meshes is not beside the repository")
+pytestmark = pytest.mark.corpus
 
 
-@needs_meshes
 def test_the_ogre_agrees_with_its_authored_map():
     texture = bake_scene(load_scene(MESHES / "jerry_ogre/bs_rest.obj"), BakeOptions(512, 512, directions=256)).texture
     authored = read_image(MESHES / "jerry_ogre/ao_rest.png").reshape(512, 2, 512, 2).mean(axis=(1, 3))
     assert np.corrcoef(texture.values.ravel(), authored.ravel())[0, 1] > 0.99
 
 
-@needs_meshes
 @pytest.mark.parametrize("name", ["bigguy.obj", "spot.obj", "DamagedHelmet/DamagedHelmet.gltf"])
 def test_borders_have_no_specks(name):
     """A texel at a chart's border is seldom brighter or darker than all of its covered neighbours by much."""
@@ -47,7 +43,6 @@ def toy_car():
     return scene, bake_scene(scene, BakeOptions(512, 512, directions=256))
 
 
-@needs_meshes
 @pytest.mark.parametrize(("part", "least"), [("ToyCar", 0.9), ("Fabric", 0.93)])
 def test_the_toy_car_agrees_with_its_authored_maps(toy_car, part, least):
     scene, baked = toy_car

@@ -20,7 +20,7 @@ import yaml
 from PIL import Image, ImageOps
 
 from aoprecalc.gl.context import INSTALLS
-from aoprecalc.pipeline import plan
+from aoprecalc.pipeline import plan_batch
 
 ROOT = Path(__file__).parents[2]
 CI = ROOT / "examples" / "ci"
@@ -122,20 +122,20 @@ def test_the_manifest_asks_for_what_its_comments_say(tmp_path, monkeypatch):
     make_meshes(tmp_path / "assets")
     shutil.copy(CI / "aoprecalc.toml", tmp_path)
     monkeypatch.chdir(tmp_path)
-    planned = plan(["aoprecalc.toml"], None, None)
+    planned = plan_batch(["aoprecalc.toml"], None, None)
     assets, folder = planned.assets, planned.output
     assert folder == Path("build/ao")
-    orders = {asset.name: asset.order for asset in assets}
-    assert sorted(orders) == NAMES
-    assert {name: (order.bake.width, order.bake.height, order.bake.directions) for name, order in orders.items()} == {
+    specs = {asset.name: asset.spec for asset in assets}
+    assert sorted(specs) == NAMES
+    assert {name: (spec.bake.width, spec.bake.height, spec.bake.directions) for name, spec in specs.items()} == {
         "background/far/hill": (256, 256, 256),
         "characters/statue": (2048, 2048, 1000),
         "props/crate": (1024, 1024, 1000),
     }
-    assert {order.bake.crease_angle for order in orders.values()} == {40}
-    spheres = orders.pop("characters/statue").spheres
+    assert {spec.bake.crease_angle for spec in specs.values()} == {40}
+    spheres = specs.pop("characters/statue").spheres
     assert (spheres.spheres, spheres.method) == (64, "shadow")
-    assert not any(order.spheres for order in orders.values())
+    assert not any(spec.spheres for spec in specs.values())
 
 
 # The steps of the GitHub workflow that can be run here, by their names.

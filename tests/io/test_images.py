@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError, OutputError, UsageError
-from aoprecalc.io import choose_depth, read_image, write_image
-from aoprecalc.io.images import DEPTHS, quantize
+from aoprecalc.io import choose_bit_depth, read_image, write_image
+from aoprecalc.io.images import BIT_DEPTHS, quantize
 
 RAMP = np.linspace(-0.2, 1.2, 600, dtype=np.float32).reshape(20, 30)
-ALL = [(suffix, depth) for suffix, depths in DEPTHS.items() for depth in depths]
+ALL = [(suffix, depth) for suffix, depths in BIT_DEPTHS.items() for depth in depths]
 LEVELS = {"8": 255, "16": 65535}
 
 
@@ -59,9 +59,9 @@ def test_row_0_is_the_upper_one(tmp_path):
 
 
 def test_auto_depths():
-    assert choose_depth("a.png", "auto") == "8"
-    assert choose_depth("a.EXR", "auto") == "half"
-    assert choose_depth("a.tif", "auto") == "8"
+    assert choose_bit_depth("a.png", "auto") == "8"
+    assert choose_bit_depth("a.EXR", "auto") == "half"
+    assert choose_bit_depth("a.tif", "auto") == "8"
 
 
 @pytest.mark.parametrize(("name", "depth", "said"), [("a.png", "half", "8, 16"), ("a.exr", "8", "half, float")])
@@ -73,8 +73,8 @@ def test_an_impossible_depth_names_the_possible_ones(tmp_path, name, depth, said
 
 def test_an_unknown_extension_names_the_known_ones():
     with pytest.raises(UsageError) as failure:
-        choose_depth("a.xyz", "auto")
-    assert all(suffix in str(failure.value) for suffix in DEPTHS)
+        choose_bit_depth("a.xyz", "auto")
+    assert all(suffix in str(failure.value) for suffix in BIT_DEPTHS)
 
 
 def test_failures_are_told_in_one_line(tmp_path):

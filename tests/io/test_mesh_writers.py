@@ -6,7 +6,7 @@ import trimesh
 from PIL import Image
 
 from aoprecalc.errors import UsageError
-from aoprecalc.io import load_scene, mesh_suffix
+from aoprecalc.io import load_scene, output_mesh_extension
 
 TOLERANCE = {".obj": 0, ".ply": 1e-7, ".glb": 1e-7, ".gltf": 1e-7}
 
@@ -95,7 +95,7 @@ def test_a_textured_obj_becomes_a_glb_with_both_textures(cube_obj, save, bake, t
     Image.new("RGB", (4, 4), (250, 20, 20)).save(tmp_path / "red paint.png")
     save("none.mtl", "newmtl paint 0\nKd 0.5 0.5 0.5\nmap_Kd red paint.png\nnewmtl paint 2\nKd 0 1 0\n")
     scene = load_scene(cube_obj)
-    suffix, why = mesh_suffix(scene)
+    suffix, why = output_mesh_extension(scene)
     assert suffix == ".glb"
     assert "OBJ holds one set of UVs" in why
     path, *_ = bake(scene, "cube_ao.glb")
@@ -124,9 +124,9 @@ def test_other_maps_of_an_mtl_are_left_out_with_a_word(cube_obj, save, bake):
 
 
 def test_which_kind_a_mesh_becomes(cube_obj, cube, save):
-    assert mesh_suffix(load_scene(cube_obj)) == (".obj", "")
+    assert output_mesh_extension(load_scene(cube_obj)) == (".obj", "")
     data = trimesh.Trimesh(cube[0], cube[3]).export(file_type="stl")
-    suffix, why = mesh_suffix(load_scene(save("a.stl", data)))
+    suffix, why = output_mesh_extension(load_scene(save("a.stl", data)))
     assert suffix == ".glb"
     assert "STL holds no UVs" in why
 

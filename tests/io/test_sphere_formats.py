@@ -18,7 +18,7 @@ from pxr import Usd, UsdGeom
 from aoprecalc.cli import main
 from aoprecalc.errors import OutputError, UsageError
 from aoprecalc.io import load_scene
-from aoprecalc.io.sphere_files import KINDS, check_kind, sphere_document, write_sphere_set
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, check_sphere_extension, sphere_document, write_sphere_set
 from aoprecalc.types import SphereSet
 
 # Digits that only all 17 give back, exponents of both signs without a point in them, and a sphere of no size.
@@ -187,7 +187,7 @@ def test_usda(write, scene):
         assert np.array_equal(placed, trimesh.transformations.translation_matrix(center).T)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SPHERE_EXTENSIONS)
 def test_the_same_set_gives_the_same_bytes_wherever_it_is_written(tmp_path, scene, kind):
     contents = []
     for name in ("a", ".0f3a.b"):
@@ -196,7 +196,7 @@ def test_the_same_set_gives_the_same_bytes_wherever_it_is_written(tmp_path, scen
     assert contents[0] == contents[1]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SPHERE_EXTENSIONS)
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_numbers_that_are_not_finite_are_refused(tmp_path, write, kind, value):
     for spheres in (replace(SPHERES, radii=RADII + value), replace(SPHERES, centers=CENTERS - value)):
@@ -216,9 +216,9 @@ def test_a_mesh_beyond_float32_is_refused_as_glb(tmp_path, write, scene):
 def test_all_kinds_are_accepted_and_named(tmp_path):
     kinds = [".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda"]
     for kind in kinds:
-        check_kind(tmp_path / f"a{kind.upper()}")
+        check_sphere_extension(tmp_path / f"a{kind.upper()}")
     with pytest.raises(UsageError) as caught:
-        check_kind(tmp_path / "a.txt")
+        check_sphere_extension(tmp_path / "a.txt")
     assert ", ".join(kinds) in str(caught.value)
 
 

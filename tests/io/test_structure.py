@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aoprecalc.io import Outputs, load_scene, mesh_suffix, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, load_scene, output_mesh_extension, write_baked_mesh, write_image
 from aoprecalc.io.formats.polygons import polygon_triangles
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.options import BakeOptions
@@ -325,9 +325,9 @@ def test_parts_without_uvs_normals_and_material_get_none(save, write):
 def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     save("none.mtl", "newmtl paint\nKd 1 1 0\nmap_Kd bricks.png\nmap_Ka old.png\nbump -bm 2 bumps.png\n")
     scene = load_scene(painted)
-    assert mesh_suffix(scene)[0] == ".glb"
-    assert "(paint)" in mesh_suffix(scene, fresh(scene))[1]
-    assert mesh_suffix(scene, kept(scene)) == (".obj", "")
+    assert output_mesh_extension(scene)[0] == ".glb"
+    assert "(paint)" in output_mesh_extension(scene, fresh(scene))[1]
+    assert output_mesh_extension(scene, kept(scene)) == (".obj", "")
     path, warnings = write(scene, "a.obj", kept(scene), scene.normals)
     made = library(path.with_suffix(".mtl"))
     assert made["paint"] == ["Kd 1 1 0", "map_Kd ../bricks.png", "bump -bm 2 ../bumps.png", "map_Ka x_ao.png"]
@@ -340,11 +340,11 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
 
 def test_pictures_that_no_receiver_shows_leave_an_obj_what_it_is(painted, save):
     scene = load_scene(painted)
-    assert mesh_suffix(scene) == (".obj", "")  # the picture of an unused material
+    assert output_mesh_extension(scene) == (".obj", "")  # the picture of an unused material
     save("none.mtl", "newmtl tiles\nmap_Kd bricks.png\n")
-    assert mesh_suffix(load_scene(painted))[0] == ".glb"
-    assert mesh_suffix(only(load_scene(painted), "wall")) == (".obj", "")
-    assert mesh_suffix(only(load_scene(painted), "chimney"))[0] == ".glb"
+    assert output_mesh_extension(load_scene(painted))[0] == ".glb"
+    assert output_mesh_extension(only(load_scene(painted), "wall")) == (".obj", "")
+    assert output_mesh_extension(only(load_scene(painted), "chimney"))[0] == ".glb"
 
 
 def test_a_polygon_with_a_corner_on_a_straight_side_needs_no_flat_triangle():

@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from aoprecalc.metrics import Surface, document_difference, mesh_difference, picture_difference, spheres_difference
+from aoprecalc.metrics import ComparedMesh, document_difference, mesh_difference, picture_difference, spheres_difference
 from aoprecalc.metrics import sphere_difference as spheres_module
 from shapes import quad, quad_uvs
 
@@ -86,7 +86,7 @@ def plate(moved=0.0, uv_moved=0.0, tilt=0.0, brighter=0.0, size=1.0):
     normals = np.tile(np.float32([0, 0, 1]), (2, 3, 1))
     normals[1, 1] = (np.sin(tilt), 0, np.cos(tilt))
     shown = np.full((8, 8, 1), 0.5 + brighter, np.float32)
-    return Surface(corners, normals, (uvs,), shown, uvs)
+    return ComparedMesh(corners, normals, (uvs,), shown, uvs)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e300, 1e-300])
@@ -118,12 +118,14 @@ def test_what_one_mesh_lacks_makes_them_different():
     hole = whole.picture_uvs.copy()
     hole[1] = np.nan
     cases = {
-        "2 and 1 triangles": Surface(corners[:1], normals[:1], (uv_sets[0][:1],), whole.picture, whole.picture_uvs[:1]),
-        "only A has normals": Surface(corners, None, uv_sets, whole.picture, whole.picture_uvs),
-        "only A has a picture": Surface(corners, normals, uv_sets),
-        "1 and 0 sets of UVs": Surface(corners, normals, (), whole.picture, whole.picture_uvs),
-        "lie on 2 and 1 triangles": Surface(corners, normals, uv_sets, whole.picture, hole),
-        "8 x 8 and 4 x 8 pixels": Surface(corners, normals, uv_sets, whole.picture[:, :4], whole.picture_uvs),
+        "2 and 1 triangles": ComparedMesh(
+            corners[:1], normals[:1], (uv_sets[0][:1],), whole.picture, whole.picture_uvs[:1]
+        ),
+        "only A has normals": ComparedMesh(corners, None, uv_sets, whole.picture, whole.picture_uvs),
+        "only A has a picture": ComparedMesh(corners, normals, uv_sets),
+        "1 and 0 sets of UVs": ComparedMesh(corners, normals, (), whole.picture, whole.picture_uvs),
+        "lie on 2 and 1 triangles": ComparedMesh(corners, normals, uv_sets, whole.picture, hole),
+        "8 x 8 and 4 x 8 pixels": ComparedMesh(corners, normals, uv_sets, whole.picture[:, :4], whole.picture_uvs),
     }
     for reason, other in cases.items():
         found = mesh_difference(whole, other)

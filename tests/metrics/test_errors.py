@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from aoprecalc.metrics.errors import errors_at_levels, summarise, worst_places
-from aoprecalc.render.comparison import NO_SURFACE, heat_map_size, paint
+from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level, worst_points
+from aoprecalc.render.comparison import BACKGROUND, error_heat_map, heat_map_size
 from aoprecalc.types import Texels
 
 UVS = np.random.default_rng(0).random((4000, 2))
@@ -14,7 +14,7 @@ POSITIONS = np.column_stack([UVS, np.zeros(len(UVS))])
 @pytest.mark.parametrize("error", [-0.25, 0.125])
 def test_a_constant_error_is_the_bias_and_the_rmse(error):
     picture = np.full((32, 32), 0.5 + error, np.float32)
-    levels = errors_at_levels(picture, UVS, np.full(len(UVS), 0.5), repeats=False)
+    levels = errors_per_mip_level(picture, UVS, np.full(len(UVS), 0.5), repeats=False)
     assert len(levels) == 5
     for level in levels:
         assert level.bias == error
@@ -22,11 +22,11 @@ def test_a_constant_error_is_the_bias_and_the_rmse(error):
 
 
 def test_a_small_picture_has_fewer_levels():
-    assert len(errors_at_levels(np.ones((4, 2), np.float32), UVS, np.ones(len(UVS)), repeats=True)) == 3
+    assert len(errors_per_mip_level(np.ones((4, 2), np.float32), UVS, np.ones(len(UVS)), repeats=True)) == 3
 
 
 def test_percentiles_are_of_magnitudes():
-    found = summarise(np.linspace(-1, 1, 2001))
+    found = error_statistics(np.linspace(-1, 1, 2001))
     assert (found.p50, found.p95, found.max) == pytest.approx((0.5, 0.95, 1))
     assert found.bias == pytest.approx(0)
     assert found.rmse == pytest.approx(1 / 3**0.5, abs=1e-3)
@@ -37,7 +37,7 @@ def test_a_wrong_patch_is_found_once_at_its_place():
     patch = np.linalg.norm(UVS - (0.25, 0.75), axis=1) < 0.01
     values[patch] = 0.25
     assert patch.sum() > 0
-    (place,) = worst_places(POSITIONS, UVS, values, np.ones(len(UVS)), diagonal=2.0)
+    (place,) = worst_points(POSITIONS, UVS, values, np.ones(len(UVS)), diagonal=2.0)
     assert place.uv == pytest.approx((0.25, 0.75), abs=0.01)
     assert place.position[:2] == place.uv
     assert (place.value, place.reference, place.error) == (0.25, 1, -0.75)
@@ -45,7 +45,7 @@ def test_a_wrong_patch_is_found_once_at_its_place():
 
 def test_worst_places_are_sorted_and_apart():
     values = np.random.default_rng(1).random(len(UVS))
-    places = worst_places(POSITIONS, UVS, values, np.zeros(len(UVS)), diagonal=2**0.5)
+    places = worst_points(POSITIONS, UVS, values, np.zeros(len(UVS)), diagonal=2**0.5)
     errors = [place.error for place in places]
     assert len(places) == 10
     assert errors[0] == values.max()
@@ -56,7 +56,7 @@ def test_worst_places_are_sorted_and_apart():
 
 
 def test_where_all_is_right_there_is_no_worst_place():
-    assert worst_places(POSITIONS, UVS, np.ones(len(UVS)), np.ones(len(UVS)), diagonal=1.0) == ()
+    assert worst_points(POSITIONS, UVS, np.ones(len(UVS)), np.ones(len(UVS)), diagonal=1.0) == ()
 
 
 def texels(width, height, mask):
@@ -67,9 +67,9 @@ def test_the_heat_map_is_white_where_right_red_where_too_bright_and_blue_where_t
     errors = np.where(UVS[:, 0] < 0.4, 0.5, np.where(UVS[:, 1] < 0.5, -0.05, 0.0))
     covered = np.ones((64, 64), bool)
     covered[:, :8] = False
-    picture = paint(texels(64, 64, covered), UVS, errors, repeats=False)
+    picture = error_heat_map(texels(64, 64, covered), UVS, errors, repeats=False)
     assert picture.shape == (64, 64, 3)
-    assert picture[10, 4].tolist() == list(NO_SURFACE)
+    assert picture[10, 4].tolist() == list(BACKGROUND)
     assert picture[10, 12].tolist() == [255, 0, 0]
     assert picture[60, 60].tolist() == [128, 128, 255]  # v upwards: a low v is far down
     assert picture[4, 60].tolist() == [255, 255, 255]
@@ -78,8 +78,8 @@ def test_the_heat_map_is_white_where_right_red_where_too_bright_and_blue_where_t
 def test_the_nearest_point_may_be_across_the_edge_of_a_repeating_picture():
     uvs, errors = np.array([[1.98, 0.5], [0.3, 0.5]]), np.array([1.0, 0.0])
     whole = texels(100, 10, np.ones((10, 100), bool))
-    assert paint(whole, uvs, errors, repeats=True)[5, 0].tolist() == [255, 0, 0]
-    assert paint(whole, uvs % 1, errors, repeats=False)[5, 0].tolist() == [255, 255, 255]
+    assert error_heat_map(whole, uvs, errors, repeats=True)[5, 0].tolist() == [255, 0, 0]
+    assert error_heat_map(whole, uvs % 1, errors, repeats=False)[5, 0].tolist() == [255, 255, 255]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from aoprecalc.errors import RendererError
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.sampling import SurfacePoints, sample_surface
-from aoprecalc.metrics.reference import rays_used, reference
+from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from shapes import ball, disc, join, scene, torus
@@ -17,7 +17,7 @@ from shapes import ball, disc, join, scene, torus
 
 def values(made, points, normals="smooth", **options):
     given = VerifyOptions(**{"rays": 2304, **options})
-    return reference(assign_roles(made, given), shading_normals(made, normals), points, given, Progress())
+    return reference_ao(assign_roles(made, given), shading_normals(made, normals), points, given, Progress())
 
 
 def spread(made, count=200):
@@ -98,7 +98,7 @@ def test_a_normal_that_opposes_its_face_gives_way_to_it():
 
 
 def test_rays_stand_in_a_square_grid():
-    assert [rays_used(rays) for rays in (64, 65, 81, 2304, 2305, 10**6)] == [64, 81, 81, 2304, 2401, 10**6]
+    assert [stratified_ray_count(rays) for rays in (64, 65, 81, 2304, 2305, 10**6)] == [64, 81, 81, 2304, 2401, 10**6]
 
 
 def test_points_done_are_counted():
@@ -110,7 +110,7 @@ def test_points_done_are_counted():
 
     counter, made = Counter(), scene(*ball(1))
     options = VerifyOptions(rays=10_000, two_sided=True)
-    reference(assign_roles(made, options), shading_normals(made), spread(made, 321), options, counter)
+    reference_ao(assign_roles(made, options), shading_normals(made), spread(made, 321), options, counter)
     assert counter.done == 321
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from aoprecalc.cli import main
 from aoprecalc.pipeline.jobs import work
-from aoprecalc.pipeline.workers import Event
+from aoprecalc.pipeline.workers import JobEvent
 
 
 class InThisProcess:
@@ -27,7 +27,7 @@ class InThisProcess:
     def run(self, jobs):
         for job in jobs:
             self.jobs.append(job.name)
-            yield Event(job, outcome=work(job, self.stages.append))
+            yield JobEvent(job, outcome=work(job, self.stages.append))
 
 
 @pytest.fixture
@@ -36,10 +36,10 @@ def crew(monkeypatch):
     crew = InThisProcess()
 
     @contextmanager
-    def open_crew(count, options):
+    def open_pool(count, options):
         yield crew
 
-    monkeypatch.setattr(import_module("aoprecalc.pipeline.run"), "open_crew", open_crew)  # batch is a function, too
+    monkeypatch.setattr(import_module("aoprecalc.pipeline.run"), "open_pool", open_pool)  # batch is a function, too
     return crew
 
 

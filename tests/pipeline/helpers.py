@@ -15,7 +15,7 @@ from shapes import torus, triangle_a_cell
 
 BAKE, SPHERES = BakeOptions(64, 64, directions=64), SphereOptions(8, samples=500)
 SMALL_BAKE, SMALL_SPHERES = ["--bake", "--size 64 -n 64"], ["--spheres", "-n 8 -s 500"]
-HOME = ".aoprecalc"  # what a batch remembers, in its output folder
+STATE_FOLDER = ".aoprecalc"  # what a batch remembers, in its output folder
 PATIENCE = 60  # seconds until a test gives up on what takes a second
 
 
@@ -58,7 +58,7 @@ def contents(folder):
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in files
-        if HOME not in path.relative_to(folder).parts
+        if STATE_FOLDER not in path.relative_to(folder).parts
     }
 
 

@@ -6,8 +6,8 @@ import pytest
 import trimesh
 
 from aoprecalc.options import BakeOptions
-from aoprecalc.pipeline import batch, plan
-from aoprecalc.pipeline.jobs import Order
+from aoprecalc.pipeline import batch, plan_batch
+from aoprecalc.pipeline.jobs import JobSpec
 from pipeline.helpers import BAKE, SPHERES, contents, said, statuses, write_ring
 
 FILES = [
@@ -35,7 +35,7 @@ def here(tmp_path, monkeypatch):
 
 def found(*patterns, output="../out"):
     """Name -> mesh, as a batch would find them."""
-    return {asset.name: asset.mesh.as_posix() for asset in plan(patterns, output, None).assets}
+    return {asset.name: asset.mesh.as_posix() for asset in plan_batch(patterns, output, None).assets}
 
 
 PATTERNS = {
@@ -77,7 +77,7 @@ def test_patterns_count_from_any_folder(here, monkeypatch):
 @pytest.mark.parametrize("pattern", ["*.stl", "**/*.fbx", "no/*", "notes.*", "empty", "missing", "[ab].obj"])
 def test_a_pattern_that_fits_nothing_is_an_error(pattern, here):
     (here / "empty").mkdir()
-    message, code = said(plan, ["rock.obj", pattern], "../out", None)
+    message, code = said(plan_batch, ["rock.obj", pattern], "../out", None)
     assert code == 4
     assert message.startswith(f"{pattern}: fits no mesh, one of .obj, ")
 
@@ -153,7 +153,7 @@ def test_not_even_where_a_shell_has_named_them(tmp_path, monkeypatch, crew):
     named = sorted(path.name for path in tmp_path.glob("*.obj"))
     assert named == ["ring.obj", "ring_ao.obj"]
     assert statuses(batch(named, ".", bake=BAKE)) == {"ring": "unchanged"}
-    message, code = said(plan, ["ring_ao.obj"], ".", None)
+    message, code = said(plan_batch, ["ring_ao.obj"], ".", None)
     assert code == 4
     assert message.startswith("ring_ao.obj: made by a batch, ")
 
@@ -179,8 +179,8 @@ def test_outputs_of_an_asset_that_is_gone_are_no_inputs_either(tmp_path, monkeyp
 
 
 def test_a_bake_is_made_where_nothing_is_said(here):
-    (asset,) = plan(["rock.obj"], "../out", None).assets
-    assert asset.order == Order(bake=BakeOptions())
+    (asset,) = plan_batch(["rock.obj"], "../out", None).assets
+    assert asset.spec == JobSpec(bake=BakeOptions())
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_a_bake_is_made_where_nothing_is_said(here):
     ],
 )
 def test_what_a_plan_needs(patterns, output, words, here):
-    message, code = said(plan, patterns, output, None)
+    message, code = said(plan_batch, patterns, output, None)
     assert code == 2
     assert words in message
 
@@ -217,6 +217,6 @@ def test_what_has_its_kind_in_its_name_has_it_in_all_names(tmp_path, monkeypatch
 
 def test_what_is_no_mesh_is_refused_before_any_work(here):
     (here / "wood.png").touch()
-    message, code = said(plan, ["wood.png"], "../out", None)
+    message, code = said(plan_batch, ["wood.png"], "../out", None)
     assert code == 4
     assert message.startswith("wood.png: fits no mesh")

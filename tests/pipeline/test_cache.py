@@ -12,7 +12,7 @@ import pytest
 
 from aoprecalc.errors import OutputError
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline import Cache, Watcher, batch, default_cache
+from aoprecalc.pipeline import BatchProgress, Cache, batch, default_cache
 from pipeline.helpers import SPHERES, contents, error_of, statuses, write_ring
 
 OLD = (10**18, 10**18)
@@ -230,9 +230,9 @@ def test_a_batch_goes_on_without_a_cache_that_cannot_be_written(ring, crew, tmp_
     write_ring(tmp_path / "in/other.obj", 0.3)
     (tmp_path / "file").touch()
     warnings = []
-    watcher = Watcher()
-    watcher.warn = warnings.append
-    result = batch("in", "out", spheres=SPHERES, cache="file", watcher=watcher)
+    progress = BatchProgress()
+    progress.warn = warnings.append
+    result = batch("in", "out", spheres=SPHERES, cache="file", progress=progress)
     assert statuses(result) == {"other": "made", "ring": "made"}
     assert len(warnings) == 1
     assert warnings[0].startswith("file: the cache cannot be written (")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.jobs import Failure, Job, Made, Order
-from aoprecalc.pipeline.workers import Child, LocalCrew
+from aoprecalc.pipeline.jobs import Failure, Job, JobSpec, Success
+from aoprecalc.pipeline.workers import ProcessPool, WorkerProcess
 from pipeline.helpers import BAKE, PATIENCE, SPHERES, wait_until, write_ring
 
 pytestmark = [
@@ -20,16 +20,16 @@ pytestmark = [
 
 @pytest.fixture
 def child():
-    with closing(Child()) as child:
+    with closing(WorkerProcess()) as child:
         yield child
 
 
-def job(folder, name, order=None):
+def job(folder, name, spec=None):
     """The job of a mesh in a folder, which is made."""
     mesh = write_ring(folder / f"{name}.obj")
     (folder / "staging").mkdir(exist_ok=True)
-    order = order or Order(spheres=SPHERES)
-    return Job(name, mesh, f"in/{name}.obj", folder / "out", name, folder / "staging", order)
+    spec = spec or JobSpec(spheres=SPHERES)
+    return Job(name, mesh, f"in/{name}.obj", folder / "out", name, folder / "staging", spec)
 
 
 def tries(of):
@@ -53,8 +53,8 @@ def gone(pid):
 
 def test_a_job_is_done_and_its_stages_are_told(child, tmp_path):
     stages = []
-    made = child.run(job(tmp_path, "ring", Order(BAKE, SPHERES)), stages.append)
-    assert isinstance(made, Made)
+    made = child.run(job(tmp_path, "ring", JobSpec(BAKE, SPHERES)), stages.append)
+    assert isinstance(made, Success)
     assert sorted(made.files) == ["ring_ao.mtl", "ring_ao.obj", "ring_ao.png", "ring_report.json", "ring_spheres.json"]
     assert all(file.parent == tmp_path / "staging" and file.is_file() for file in made.files.values())
     assert not (tmp_path / "out").exists()
@@ -78,7 +78,7 @@ def test_a_process_that_dies_is_tried_again_and_then_a_failure(name, child, tmp_
     assert failure.message == f"in/{name}.obj: its process died ({DEATHS[name]})"
     assert tries(dying) == 2
     assert any(stage.startswith("again") for stage in stages)
-    assert isinstance(child.run(job(tmp_path, "ring"), stages.append), Made)
+    assert isinstance(child.run(job(tmp_path, "ring"), stages.append), Success)
 
 
 def test_what_is_not_tried_again_is_not_said_to_be(child, tmp_path):
@@ -91,7 +91,7 @@ def test_what_is_not_tried_again_is_not_said_to_be(child, tmp_path):
 def test_the_second_try_may_do_it(child, tmp_path):
     once = job(tmp_path, "once")
     made = child.run(once, lambda stage: None, retries=1)
-    assert isinstance(made, Made)
+    assert isinstance(made, Success)
     assert tries(once) == 2
     assert list(made.files) == ["once_spheres.json"]
 
@@ -117,7 +117,7 @@ def test_a_fault_of_ours_is_one_line_with_its_traceback_apart(child, tmp_path):
 
 
 def test_what_libraries_print_disturbs_nothing(child, tmp_path, capfd):
-    assert isinstance(child.run(job(tmp_path, "loud"), lambda stage: None), Made)
+    assert isinstance(child.run(job(tmp_path, "loud"), lambda stage: None), Success)
     assert capfd.readouterr() == ("", "")
 
 
@@ -130,7 +130,7 @@ def test_a_time_out_ends_the_process_and_its_own_children(child, tmp_path):
     assert tries(endless) == 1
     for pid in pids(endless):
         wait_until(lambda pid=pid: gone(pid))
-    assert isinstance(child.run(job(tmp_path, "ring"), lambda stage: None), Made)
+    assert isinstance(child.run(job(tmp_path, "ring"), lambda stage: None), Success)
 
 
 def test_stopping_ends_the_process_and_its_own_children(child, tmp_path):
@@ -148,7 +148,7 @@ def test_stopping_ends_the_process_and_its_own_children(child, tmp_path):
 
 
 def test_a_worker_ends_when_it_is_closed(tmp_path):
-    child = Child()
+    child = WorkerProcess()
     child.run(job(tmp_path, "ring"), lambda stage: None)
     pid = child._process.pid
     assert not gone(pid)
@@ -163,9 +163,11 @@ def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
     def run(*given, **options):
         raise ValueError("no such thing here")
 
-    monkeypatch.setattr(Child, "run", run)
+    monkeypatch.setattr(WorkerProcess, "run", run)
     jobs, events = [job(tmp_path, "a"), job(tmp_path, "b")], []
-    waiting = threading.Thread(target=lambda: events.extend(LocalCrew(2, BatchOptions(jobs=2)).run(jobs)), daemon=True)
+    waiting = threading.Thread(
+        target=lambda: events.extend(ProcessPool(2, BatchOptions(jobs=2)).run(jobs)), daemon=True
+    )
     waiting.start()
     waiting.join(PATIENCE)
     assert not waiting.is_alive()
@@ -175,11 +177,11 @@ def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
 
 
 def test_an_idle_process_goes(child, tmp_path):
-    assert isinstance(child.run(job(tmp_path, "a"), print), Made)
+    assert isinstance(child.run(job(tmp_path, "a"), print), Success)
     process = child._process.pid
     child.close_after(0.1)
     wait_until(lambda: not Path(f"/proc/{process}").exists())
-    assert isinstance(child.run(job(tmp_path, "a"), print), Made)
+    assert isinstance(child.run(job(tmp_path, "a"), print), Success)
 
 
 def test_a_process_that_is_used_again_stays(child, tmp_path):

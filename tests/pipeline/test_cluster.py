@@ -13,11 +13,11 @@ import pytest
 
 from aoprecalc import BakeOptions, BatchOptions, SphereOptions, batch
 from aoprecalc.errors import AoprecalcError, UsageError
-from aoprecalc.pipeline import Watcher
+from aoprecalc.pipeline import BatchProgress
 from aoprecalc.pipeline import dask_client as workers
 from aoprecalc.pipeline import dask_worker as remote
-from aoprecalc.pipeline.dask_worker import Place
-from aoprecalc.pipeline.jobs import Job, Order
+from aoprecalc.pipeline.dask_worker import WorkerInfo
+from aoprecalc.pipeline.jobs import Job, JobSpec
 from pipeline.helpers import contents, wait_until, without_times, write_ring
 
 distributed = pytest.importorskip("distributed")
@@ -63,7 +63,7 @@ def two_workers():
         yield made
 
 
-class Ends(Watcher):
+class Ends(BatchProgress):
     """Notes what became of the assets, in the order of the news."""
 
     def __init__(self):
@@ -73,17 +73,17 @@ class Ends(Watcher):
         self.results.append(result)
 
 
-def on(cluster, meshes, output, bake=BAKE, watcher=None, **options):
+def on(cluster, meshes, output, bake=BAKE, progress=None, **options):
     chosen = BatchOptions(scheduler=cluster.scheduler_address, **options)
-    return batch(meshes, output, bake=bake, spheres=SPHERES, options=chosen, watcher=watcher)
+    return batch(meshes, output, bake=bake, spheres=SPHERES, options=chosen, progress=progress)
 
 
 @pytest.mark.parametrize("ship", ["folder", "bytes"])
 def test_a_cluster_makes_the_same_bytes(two_workers, meshes, expected, tmp_path, ship):
-    watcher = Ends()
-    assert on(two_workers, meshes, tmp_path, ship=ship, watcher=watcher).passed
+    progress = Ends()
+    assert on(two_workers, meshes, tmp_path, ship=ship, progress=progress).passed
     assert files(tmp_path) == expected
-    assert sorted(result.asset.name for result in watcher.results) == NAMES
+    assert sorted(result.asset.name for result in progress.results) == NAMES
 
 
 def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, meshes, expected, tmp_path):
@@ -100,23 +100,23 @@ def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, 
 
     killer = threading.Thread(target=kill)
     killer.start()
-    watcher = Ends()
+    progress = Ends()
     try:
-        result = on(two_workers, meshes, tmp_path, watcher=watcher)
+        result = on(two_workers, meshes, tmp_path, progress=progress)
     finally:
         done.set()
         killer.join()
     assert killed
     assert result.passed
     assert files(tmp_path) == expected
-    assert sorted(result.asset.name for result in watcher.results) == NAMES
+    assert sorted(result.asset.name for result in progress.results) == NAMES
 
 
 def test_bakes_go_where_gpus_are_offered(two_workers, meshes, tmp_path):
     with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
         client.get_task_stream()  # from now on they are noted
         assert on(two_workers, meshes, tmp_path).passed
-        places = {task["worker"] for task in client.get_task_stream() if task["key"].startswith("work_in_folder")}
+        places = {task["worker"] for task in client.get_task_stream() if task["key"].startswith("run_in_shared_folder")}
     assert places == {two_workers.workers["gpu"].worker_address}
 
 
@@ -162,16 +162,16 @@ def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch)
                 scheduler.kill()
                 worker.kill()
 
-        watcher = Kills()
-        result = batch(meshes, tmp_path / "out", bake=BAKE, options=BatchOptions(scheduler=address), watcher=watcher)
+        progress = Kills()
+        result = batch(meshes, tmp_path / "out", bake=BAKE, options=BatchOptions(scheduler=address), progress=progress)
     finally:
         scheduler.kill()
         worker.kill()
         scheduler.wait()
         worker.wait()
-    assert sorted(found.asset.name for found in watcher.results) == NAMES
-    assert watcher.results[0].status == "made"
-    assert watcher.results[-1].failure.kind == "crash"
+    assert sorted(found.asset.name for found in progress.results) == NAMES
+    assert progress.results[0].status == "made"
+    assert progress.results[-1].failure.kind == "crash"
     assert not result.passed
 
 
@@ -203,9 +203,9 @@ def test_a_batch_that_died_leaves_none_for_long(two_workers, meshes, tmp_path):
     with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
         client.run(hasten)
         for name in client.ncores():
-            job = Job("a", meshes / "a.obj", "a.obj", tmp_path, "a", tmp_path / "staging", Order(spheres=SPHERES))
-            terms = remote.Terms("one that died", workers.__version__)
-            client.submit(remote.work_in_folder, job, terms, workers=[name]).result()
+            job = Job("a", meshes / "a.obj", "a.obj", tmp_path, "a", tmp_path / "staging", JobSpec(spheres=SPHERES))
+            terms = remote.BatchSettings("one that died", workers.__version__)
+            client.submit(remote.run_in_shared_folder, job, terms, workers=[name]).result()
     wait_until(lambda: processes_of(two_workers) == [])
 
 
@@ -227,14 +227,14 @@ def test_a_cluster_without_workers_is_not_waited_for(meshes, tmp_path, monkeypat
             monkeypatch.setattr(workers, "_PATIENCE", 20)  # for the worker to come
             with workers.open_client(lonely.scheduler_address):
                 monkeypatch.setattr(workers, "_PATIENCE", 2)
-            watcher = Kills()
-            on(lonely, meshes, tmp_path, watcher=watcher)
+            progress = Kills()
+            on(lonely, meshes, tmp_path, progress=progress)
         finally:
             worker.kill()
             worker.wait()
-    assert sorted(result.asset.name for result in watcher.results) == NAMES
-    assert watcher.results[0].status == "made"
-    assert "had no workers" in watcher.results[-1].failure.message
+    assert sorted(result.asset.name for result in progress.results) == NAMES
+    assert progress.results[0].status == "made"
+    assert "had no workers" in progress.results[-1].failure.message
 
 
 def test_an_address_that_is_none_is_refused_at_once(meshes, tmp_path):
@@ -260,7 +260,7 @@ class FakeClient:
     """A cluster whose worker is as told."""
 
     def __init__(self, **place):
-        self.place = Place(
+        self.place = WorkerInfo(
             **{"version": workers.__version__, "host": "far", "cores": 8, "gpus": 0, "sees": True, **place}
         )
 
@@ -273,15 +273,15 @@ class FakeClient:
 
 def test_another_version_on_a_worker_is_an_error():
     with pytest.raises(AoprecalcError, match=r"worker tcp://far:1 has aoprecalc 0\.0\.1"):
-        workers.ClusterCrew(FakeClient(version="0.0.1"), BatchOptions())
+        workers.DaskPool(FakeClient(version="0.0.1"), BatchOptions())
 
 
 def test_jobs_share_the_cores_of_their_machine():
-    assert workers.ClusterCrew(FakeClient(), BatchOptions()).threads == 2
+    assert workers.DaskPool(FakeClient(), BatchOptions()).threads == 2
 
 
 def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
-    crew = workers.ClusterCrew(FakeClient(sees=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
+    crew = workers.DaskPool(FakeClient(sees=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
     with pytest.raises(AoprecalcError, match="not all workers see"):
         next(crew.run([FakeJob(tmp_path)]))
 

@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io import input_files, load_scene
-from aoprecalc.io.meshes import READERS, source_files
+from aoprecalc.io import MESH_EXTENSIONS, input_files, load_scene
+from aoprecalc.io.meshes import source_files
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline import state as inputs
-from aoprecalc.pipeline.jobs import Asset, Order
-from aoprecalc.pipeline.state import Inputs, Stamp, order_key, result_key
+from aoprecalc.pipeline.jobs import Asset, JobSpec
+from aoprecalc.pipeline.state import FileStamp, InputFiles, result_key, spec_key
 from gltf_kit.gltf_documents import DOCUMENTS, STACKED, corner, pictured
 from gltf_kit.gltf_maker import GltfMaker, png
 from pipeline.helpers import write_ring
-from shapes import box
+from shapes import MESHES, box
 
-MESHES = Path(__file__).parents[2].parent / "shared" / "meshes"
-FILES = sorted(file for file in MESHES.rglob("*") if file.suffix.lower().removeprefix(".") in READERS)
-BOTH = Order(BakeOptions(), SphereOptions())
+FILES = sorted(file for file in MESHES.rglob("*") if file.suffix.lower() in MESH_EXTENSIONS)
+BOTH = JobSpec(BakeOptions(), SphereOptions())
 
 
 def obj_with_pictures(folder):
@@ -65,13 +64,13 @@ ids = [make.__name__ for make in MADE]
 
 
 def key(mesh):
-    return result_key(order_key(Asset("it", mesh, BOTH), Path("out")), Inputs.of(mesh))
+    return result_key(spec_key(Asset("it", mesh, BOTH), Path("out")), InputFiles.of(mesh))
 
 
 @pytest.mark.parametrize("make", MADE, ids=ids)
 def test_a_mesh_has_all_the_files_that_it_is_made_from(make, tmp_path):
     mesh = make(tmp_path)
-    assert list(Inputs.of(mesh).files) == MADE[make]
+    assert list(InputFiles.of(mesh).files) == MADE[make]
     assert input_files(mesh, mesh.read_bytes()) == [tmp_path / name for name in MADE[make]]
 
 
@@ -128,7 +127,7 @@ def test_the_files_of_others_are_known_without_their_meshes(make, tmp_path):
     assert set(input_files(mesh, mesh.read_bytes())) == set(source_files(load_scene(mesh)))
 
 
-@pytest.mark.skipif(not FILES, reason="the folder shared/meshes is not beside the repository")
+@pytest.mark.corpus
 @pytest.mark.parametrize("mesh", FILES or [MESHES], ids=lambda mesh: mesh.relative_to(MESHES).as_posix())
 def test_the_files_of_real_meshes_are_known_without_them(mesh):
     known = input_files(mesh, mesh.read_bytes())
@@ -182,34 +181,34 @@ def test_every_option_is_thought_of():
 
 def test_the_order_changes_with_every_option_that_matters():
     mesh = Path("rock.obj")
-    orders = [BOTH, Order(bake=BakeOptions()), Order(spheres=SphereOptions())]
-    orders += [replace(BOTH, bake=BakeOptions(**{name: value})) for name, value in OTHER[BakeOptions].items()]
-    orders += [replace(BOTH, bake=BakeOptions(ground=True, up="x"))]
-    orders += [replace(BOTH, spheres=SphereOptions(**{name: value})) for name, value in OTHER[SphereOptions].items()]
-    others = {"texture": ".exr", "mesh": ".glb", "verify": True, "set": ".csv"}
-    orders += [replace(BOTH, **{name: value}) for name, value in others.items()]
-    keys = {order_key(Asset("rock", mesh, order), Path("out")) for order in orders}
-    assert len(keys) == len(orders)
+    specs = [BOTH, JobSpec(bake=BakeOptions()), JobSpec(spheres=SphereOptions())]
+    specs += [replace(BOTH, bake=BakeOptions(**{name: value})) for name, value in OTHER[BakeOptions].items()]
+    specs += [replace(BOTH, bake=BakeOptions(ground=True, up="x"))]
+    specs += [replace(BOTH, spheres=SphereOptions(**{name: value})) for name, value in OTHER[SphereOptions].items()]
+    others = {"texture_suffix": ".exr", "mesh_suffix": ".glb", "verify": True, "spheres_suffix": ".csv"}
+    specs += [replace(BOTH, **{name: value}) for name, value in others.items()]
+    keys = {spec_key(Asset("rock", mesh, spec), Path("out")) for spec in specs}
+    assert len(keys) == len(specs)
 
 
 @pytest.mark.parametrize("option", SAME)
 def test_what_only_takes_time_does_not_matter(option):
     other = replace(BOTH, bake=BakeOptions(**{option: SAME[option]}))
-    keys = {order_key(Asset("rock", Path("rock.obj"), order), Path("out")) for order in (BOTH, other)}
+    keys = {spec_key(Asset("rock", Path("rock.obj"), spec), Path("out")) for spec in (BOTH, other)}
     assert len(keys) == 1
 
 
 def test_another_version_makes_everything_again(monkeypatch):
     asset = Asset("rock", Path("rock.obj"), BOTH)
-    first = order_key(asset, Path("out"))
+    first = spec_key(asset, Path("out"))
     monkeypatch.setattr("aoprecalc.pipeline.state.__version__", "99.0")
-    assert order_key(asset, Path("out")) != first
+    assert spec_key(asset, Path("out")) != first
 
 
 def test_names_matter_that_results_hold():
     """The stem is in references between the files, the mesh's path in the report, and the way to it in materials."""
     keys = {
-        order_key(Asset(name, Path(mesh), BOTH), Path(output))
+        spec_key(Asset(name, Path(mesh), BOTH), Path(output))
         for name, mesh, output in [
             ("rock", "rock.obj", "out"),
             ("stone", "rock.obj", "out"),
@@ -223,18 +222,18 @@ def test_names_matter_that_results_hold():
 
 def test_the_name_of_the_output_folder_does_not_matter():
     asset = Asset("rock", Path("assets/rock.obj"), BOTH)
-    assert order_key(asset, Path("out")) == order_key(asset, Path("made"))
+    assert spec_key(asset, Path("out")) == spec_key(asset, Path("made"))
 
 
 def test_a_file_is_trusted_by_its_times_once_they_are_old_enough(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_bytes(b"one")
-    assert not Stamp.of(file).is_now(file)  # it might be changed again within the same tick of the clock
-    assert Stamp.of(file, certain=True).is_now(file)
+    assert not FileStamp.of(file).is_now(file)  # it might be changed again within the same tick of the clock
+    assert FileStamp.of(file, certain=True).is_now(file)
     os.utime(file, ns=(10**18, 10**18))
-    assert not Stamp.of(file).is_now(file)  # anyone can say that; the system's own time is that of now
+    assert not FileStamp.of(file).is_now(file)  # anyone can say that; the system's own time is that of now
     monkeypatch.setattr(inputs, "_TICK", -(10**12))
-    stamp = Stamp.of(file)
+    stamp = FileStamp.of(file)
     assert stamp.is_now(file)
     os.utime(file, ns=(10**18, 10**18 + 1))
     assert not stamp.is_now(file)
@@ -246,8 +245,8 @@ def test_a_file_is_trusted_by_its_times_once_they_are_old_enough(tmp_path, monke
 
 
 def test_a_file_that_is_missing_is_known_as_that(tmp_path):
-    stamp = Stamp.of(tmp_path / "file")
-    assert stamp == Stamp(-1, None, "")
+    stamp = FileStamp.of(tmp_path / "file")
+    assert stamp == FileStamp(-1, None, "")
     assert stamp.is_now(tmp_path / "file")
     (tmp_path / "file").write_bytes(b"")
     assert not stamp.is_now(tmp_path / "file")

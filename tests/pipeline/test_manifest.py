@@ -3,11 +3,11 @@
 import pytest
 
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline import plan
-from aoprecalc.pipeline.jobs import Order
+from aoprecalc.pipeline import plan_batch
+from aoprecalc.pipeline.jobs import JobSpec
 from pipeline.helpers import contents, error_of, run, write_ring
 
-DEFAULT = Order(bake=BakeOptions())
+DEFAULT = JobSpec(bake=BakeOptions())
 
 
 @pytest.fixture
@@ -27,15 +27,15 @@ def planned(here):
 
     def plan_text(text, output=None):
         (here / "batch.toml").write_text(text, encoding="utf-8")
-        made = plan(["../game/batch.toml"], output, None)
+        made = plan_batch(["../game/batch.toml"], output, None)
         return {asset.name: asset for asset in made.assets}, made.output
 
     return plan_text
 
 
-def orders(planned, text):
+def specs(planned, text):
     """The order of each asset, by its name."""
-    return {name: asset.order for name, asset in planned('output = "out"\n' + text)[0].items()}
+    return {name: asset.spec for name, asset in planned('output = "out"\n' + text)[0].items()}
 
 
 def test_all_paths_count_from_its_folder(planned, here):
@@ -55,10 +55,10 @@ def test_an_override_that_fits_nothing_is_told(here):
     text = 'inputs = "*.obj"\noutput = "out"\nbake = true\n[[override]]\nmatch = "{}"\nbake.size = 64\n'
     manifest = here / "batch.toml"
     manifest.write_text(text.format("prosp/*"))
-    (line,) = plan([str(manifest)], None, None).warnings
+    (line,) = plan_batch([str(manifest)], None, None).warnings
     assert line == f"{manifest}: the [[override]] of 'prosp/*' fits none of its meshes"
     manifest.write_text(text.format("ro*"))
-    assert plan([str(manifest)], None, None).warnings == ()
+    assert plan_batch([str(manifest)], None, None).warnings == ()
 
 
 def test_another_output_counts_from_the_present_folder(planned):
@@ -74,7 +74,7 @@ def test_absolute_paths_are_themselves(planned, here):
 def test_its_own_folder_may_have_any_name(planned, here):
     odd = here.rename(here.parent / "game [v2]")
     (odd / "batch.toml").write_text('inputs = ["*.obj", "missing.obj"]\noutput = "out"\nbake = true\n')
-    assets = plan([str(odd / "batch.toml")], None, None).assets
+    assets = plan_batch([str(odd / "batch.toml")], None, None).assets
     assert [asset.name for asset in assets] == ["rock", "missing"]
 
 
@@ -84,20 +84,20 @@ def test_a_byte_order_mark_is_no_fault(planned):
 
 def test_defaults_are_for_all(planned):
     text = 'inputs = "**/*"\n[bake]\nsize = "512x256"\ntexture = ".exr"\n[spheres]\nspheres = 20\nformat = ".csv"\n'
-    expected = Order(BakeOptions(512, 256), SphereOptions(20), texture=".exr", set=".csv")
-    assert orders(planned, text) == dict.fromkeys(["rock", "props/chair", "props/old/chair", "props/table"], expected)
+    expected = JobSpec(BakeOptions(512, 256), SphereOptions(20), texture_suffix=".exr", spheres_suffix=".csv")
+    assert specs(planned, text) == dict.fromkeys(["rock", "props/chair", "props/old/chair", "props/table"], expected)
 
 
 @pytest.mark.parametrize("text", ["bake = true\n", "[bake]\n", "bake = {}\nspheres = false\n"])
 def test_true_and_an_empty_table_are_the_defaults(text, planned):
-    assert orders(planned, f'inputs = "*.obj"\n{text}') == {"rock": DEFAULT}
+    assert specs(planned, f'inputs = "*.obj"\n{text}') == {"rock": DEFAULT}
 
 
 def test_exclude_leaves_out(planned):
     text = 'inputs = "**/*"\nbake = true\nexclude = '
-    assert list(orders(planned, text + '"props/*"')) == ["rock"]
-    assert list(orders(planned, text + '["*/old/*", "rock.*"]')) == ["props/chair", "props/table"]
-    assert list(orders(planned, text + '"chair.obj"')) == ["props/chair", "props/old/chair", "props/table", "rock"]
+    assert list(specs(planned, text + '"props/*"')) == ["rock"]
+    assert list(specs(planned, text + '["*/old/*", "rock.*"]')) == ["props/chair", "props/table"]
+    assert list(specs(planned, text + '"chair.obj"')) == ["props/chair", "props/old/chair", "props/table", "rock"]
 
 
 OVERRIDES = """
@@ -120,11 +120,11 @@ bake = false
 
 def test_later_overrides_win_key_by_key(planned):
     chair = {"padding": 4, "directions": 256, "fill": "none"}
-    assert orders(planned, OVERRIDES) == {
-        "rock": Order(BakeOptions(directions=64, padding=4)),
-        "props/table": Order(BakeOptions(directions=128, padding=4, fill="none")),
-        "props/chair": Order(BakeOptions(**chair), SphereOptions(9)),
-        "props/old/chair": Order(None, SphereOptions(9)),
+    assert specs(planned, OVERRIDES) == {
+        "rock": JobSpec(BakeOptions(directions=64, padding=4)),
+        "props/table": JobSpec(BakeOptions(directions=128, padding=4, fill="none")),
+        "props/chair": JobSpec(BakeOptions(**chair), SphereOptions(9)),
+        "props/old/chair": JobSpec(None, SphereOptions(9)),
     }
 
 
@@ -133,7 +133,7 @@ def test_overrides_win_however_their_keys_are_spelt(planned):
     text = 'inputs = "*.obj"\n[bake]\nshadow-size = 32\n'
     for spelling in spellings:
         text += f'[[override]]\nmatch = "*"\nbake = {{{spelling}}}\n'
-    assert orders(planned, text) == {"rock": Order(BakeOptions(shadow_size=256))}
+    assert specs(planned, text) == {"rock": JobSpec(BakeOptions(shadow_size=256))}
 
 
 # bake of all, then of two overrides -> what is baked in the end
@@ -153,7 +153,7 @@ def test_false_is_none_and_true_is_the_default(case, planned):
     text = f'inputs = "*.obj"\nspheres = true\nbake = {first}\n'
     for other in filter(None, others):
         text += f'[[override]]\nmatch = "rock.obj"\nbake = {other}\n'
-    assert orders(planned, text) == {"rock": Order(bake, SphereOptions())}
+    assert specs(planned, text) == {"rock": JobSpec(bake, SphereOptions())}
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_false_is_none_and_true_is_the_default(case, planned):
 @pytest.mark.parametrize("before", ["tolerance = 0.1", "levels = [3, 9]", "spheres = 5"])
 def test_how_many_spheres_is_what_was_said_last(before, said, meant, planned):
     text = f'inputs = "*.obj"\n[spheres]\nseed = 3\n{before}\n[[override]]\nmatch = "*"\nspheres = {{{said}}}\n'
-    assert orders(planned, text) == {"rock": Order(spheres=SphereOptions(seed=3, **meant))}
+    assert specs(planned, text) == {"rock": JobSpec(spheres=SphereOptions(seed=3, **meant))}
 
 
 def test_single_assets_have_names_and_options_of_their_own(planned, here):
@@ -188,10 +188,10 @@ def test_single_assets_have_names_and_options_of_their_own(planned, here):
         bake = false
         spheres = true
         """
-    usual = Order(BakeOptions(padding=4, directions=64))
-    assert orders(planned, text) == {
-        "nature/stone": Order(BakeOptions(padding=4, directions=256)),
-        "props/table": Order(spheres=SphereOptions()),
+    usual = JobSpec(BakeOptions(padding=4, directions=64))
+    assert specs(planned, text) == {
+        "nature/stone": JobSpec(BakeOptions(padding=4, directions=256)),
+        "props/table": JobSpec(spheres=SphereOptions()),
         "props/chair": usual,
         "props/old/chair": usual,
     }
@@ -201,15 +201,15 @@ def test_single_assets_have_names_and_options_of_their_own(planned, here):
 
 
 def test_an_asset_alone_needs_no_inputs(planned):
-    assert orders(planned, '[[asset]]\nmesh = "rock.obj"\nspheres = {spheres = 3}\n') == {
-        "rock": Order(spheres=SphereOptions(3))
+    assert specs(planned, '[[asset]]\nmesh = "rock.obj"\nspheres = {spheres = 3}\n') == {
+        "rock": JobSpec(spheres=SphereOptions(3))
     }
 
 
 def test_what_is_said_of_no_asset_does_not_matter(planned):
     """An override that fits nothing is no fault: overrides outlive files."""
     text = 'inputs = "rock.obj"\nbake = true\n[[override]]\nmatch = "gone/*"\nbake = {directions = 64}\n'
-    assert orders(planned, text) == {"rock": DEFAULT}
+    assert specs(planned, text) == {"rock": DEFAULT}
 
 
 GOOD = 'inputs = "*.obj"\noutput = "out"\n'

@@ -10,10 +10,12 @@ import pytest
 from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import UsageError
+from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 from aoprecalc.options import RANGES, BakeOptions, SphereOptions
 from aoprecalc.pipeline.jobs import Asset
-from aoprecalc.pipeline.option_tables import MESHES, SPHERE_SETS, TEXTURES, Order, as_words, read_order
-from aoprecalc.pipeline.report import Result, commands
+from aoprecalc.pipeline.option_tables import JobSpec, as_words, read_job_spec
+from aoprecalc.pipeline.report import AssetResult, commands
 from pipeline.helpers import BAKE, SPHERES, said
 
 # What people write -> what it means, where these are not the same.
@@ -59,8 +61,8 @@ def beside(key, value):
 def test_every_field_of_a_bake_can_be_said(spell):
     told = set()
     for key, written, meant in said_of(BakeOptions):
-        order = read_order({spell(key): written, **beside(key, written)}, None)
-        assert order == Order(bake=BakeOptions(**{key: meant, **beside(key, written)})), key
+        spec = read_job_spec({spell(key): written, **beside(key, written)}, None)
+        assert spec == JobSpec(bake=BakeOptions(**{key: meant, **beside(key, written)})), key
         told.add(key)
     assert told == {field.name for field in fields(BakeOptions)} - {"width", "height"}
 
@@ -69,25 +71,25 @@ def test_every_field_of_a_bake_can_be_said(spell):
 def test_every_field_of_a_fit_can_be_said(spell):
     told = set()
     for key, written, meant in said_of(SphereOptions):
-        order = read_order(None, {spell(key): written})
-        assert order == Order(spheres=SphereOptions(**{key: meant})), key
+        spec = read_job_spec(None, {spell(key): written})
+        assert spec == JobSpec(spheres=SphereOptions(**{key: meant})), key
         told.add(key)
     assert told == {field.name for field in fields(SphereOptions)}
 
 
 @pytest.mark.parametrize(("written", "size"), [(512, (512, 512)), ("512", (512, 512)), ("96x48", (96, 48))])
 def test_a_size_is_one_number_or_two(written, size):
-    assert read_order({"size": written}, None).bake == BakeOptions(*size)
+    assert read_job_spec({"size": written}, None).bake == BakeOptions(*size)
 
 
 def test_kinds_of_files_are_said_too():
-    for texture in TEXTURES:
-        assert read_order({"texture": texture}, None).texture == texture
-    for mesh in MESHES:
-        assert read_order({"mesh": mesh}, None).mesh == mesh
-    for kind in SPHERE_SETS:
-        assert read_order(None, {"format": kind}).set == kind
-    assert read_order({"verify": True}, None).verify
+    for texture in IMAGE_EXTENSIONS:
+        assert read_job_spec({"texture": texture}, None).texture_suffix == texture
+    for mesh in ("", *OUTPUT_MESH_EXTENSIONS):
+        assert read_job_spec({"mesh": mesh}, None).mesh_suffix == mesh
+    for kind in SPHERE_EXTENSIONS:
+        assert read_job_spec(None, {"format": kind}).spheres_suffix == kind
+    assert read_job_spec({"verify": True}, None).verify
 
 
 WRONG = {
@@ -134,7 +136,7 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_what_is_wrong_is_named_with_what_was_expected(case):
     bake, spheres, words = WRONG[case]
-    message, code = said(read_order, bake, spheres)
+    message, code = said(read_job_spec, bake, spheres)
     assert code == 2
     for word in words:
         assert word in message
@@ -203,8 +205,8 @@ def test_a_memory_limit_of_any_amount_is_one_that_the_command_takes(limit):
 
 @pytest.mark.parametrize("mesh", ["rock.obj", "-rock.obj", "a folder/it's.obj"])
 def test_the_commands_of_a_result_make_the_same_files(mesh, tmp_path):
-    order = Order(BAKE, SPHERES, texture=".exr", mesh=".glb", verify=True, set=".csv")
-    bake, spheres = (shlex.split(line) for line in commands(Result(Asset("props/stone", mesh, order), "made")))
+    spec = JobSpec(BAKE, SPHERES, texture_suffix=".exr", mesh_suffix=".glb", verify=True, spheres_suffix=".csv")
+    bake, spheres = (shlex.split(line) for line in commands(AssetResult(Asset("props/stone", mesh, spec), "made")))
     given = bake_command.make_context("bake", bake[2:]).params
     assert bake[:2] == ["aoprecalc", "bake"]
     assert (given["mesh"], given["output"], given["mesh_output"]) == (mesh, "stone_ao.exr", "stone_ao.glb")

@@ -12,10 +12,10 @@ from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline import batch
 from aoprecalc.pipeline import state as inputs
 from aoprecalc.pipeline import state as records_module
-from aoprecalc.pipeline.state import Inputs, Record, Records, Stamp
+from aoprecalc.pipeline.state import AssetRecord, FileStamp, InputFiles, StateFolder
 from gltf_kit.gltf_documents import STACKED, corner, pictured
 from gltf_kit.gltf_maker import GltfMaker
-from pipeline.helpers import BAKE, HOME, SPHERES, contents, said, statuses, without_times, write_ring
+from pipeline.helpers import BAKE, SPHERES, STATE_FOLDER, contents, said, statuses, without_times, write_ring
 
 OLD = (10**18, 10**18)  # a time that tools may give to any file
 
@@ -37,7 +37,7 @@ def make(bake=None, spheres=SPHERES, patterns="in", **options):
 
 
 def record(name="a"):
-    return json.loads(Path(f"out/{HOME}/assets/{name}.asset.json").read_text())
+    return json.loads(Path(f"out/{STATE_FOLDER}/assets/{name}.asset.json").read_text())
 
 
 @pytest.fixture
@@ -153,7 +153,7 @@ RECORDS = {
 @pytest.mark.parametrize("how", RECORDS)
 def test_a_damaged_record_is_as_none(how, made, crew):
     before = contents(made)
-    file = made / HOME / "assets/a.asset.json"
+    file = made / STATE_FOLDER / "assets/a.asset.json"
     text = RECORDS[how](file.read_text())
     file.write_bytes(text.encode(errors="surrogateescape"))
     assert make() == {"a": "made", "b": "unchanged"}
@@ -164,23 +164,23 @@ def test_a_damaged_record_is_as_none(how, made, crew):
 def test_records_that_are_deleted_lose_nothing_but_time(rings, crew):
     make(BAKE)
     before = contents(rings.parent / "out")
-    shutil.rmtree(rings.parent / "out" / HOME)
+    shutil.rmtree(rings.parent / "out" / STATE_FOLDER)
     assert make(BAKE) == {"a": "made", "b": "made"}
     assert without_times(contents(rings.parent / "out")) == without_times(before)
 
 
 def test_what_a_killed_batch_left_is_removed(made):
-    left = made / HOME / "staging/0123"
+    left = made / STATE_FOLDER / "staging/0123"
     left.mkdir(parents=True)
     (left / ".half.a_spheres.json").write_text("{")
     make()
-    assert not (made / HOME / "staging").exists()
-    assert sorted(path.name for path in (made / HOME).iterdir()) == ["assets", "lock"]
+    assert not (made / STATE_FOLDER / "staging").exists()
+    assert sorted(path.name for path in (made / STATE_FOLDER).iterdir()) == ["assets", "lock"]
 
 
 def test_two_batches_do_not_write_to_one_folder(made):
     before = contents(made)
-    with Records(made).held():
+    with StateFolder(made).held():
         message, code = said(make)
     assert code == 1
     assert message == "out: another batch writes there; wait for it, or choose another -o"
@@ -282,14 +282,16 @@ def test_an_output_folder_that_cannot_be_one(place, rings, crew):
 
 
 def test_a_record_is_read_as_it_was_written(tmp_path):
-    records = Records(tmp_path / "out")
+    records = StateFolder(tmp_path / "out")
     with records.held():
         assert records.get("props/rock") is None
-        stamp = Stamp(7, OLD, "abcd")
-        written = Record("order", Inputs({"rock.obj": stamp}), {"rock_spheres.json": stamp}, {"warnings": ["ä"]})
+        stamp = FileStamp(7, OLD, "abcd")
+        written = AssetRecord(
+            "order", InputFiles({"rock.obj": stamp}), {"rock_spheres.json": stamp}, {"warnings": ["ä"]}
+        )
         records.put("props/rock", written)
         assert records.get("props/rock") == written
-    assert Records(tmp_path / "out").get("props/rock") == written
+    assert StateFolder(tmp_path / "out").get("props/rock") == written
 
 
 @pytest.fixture

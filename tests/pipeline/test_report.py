@@ -7,19 +7,19 @@ from xml.etree import ElementTree
 import pytest
 
 from aoprecalc import __version__
-from aoprecalc.io.outputs import report_text
-from aoprecalc.pipeline.jobs import Asset, Failure, Order
-from aoprecalc.pipeline.report import Result, batch_report, junit
+from aoprecalc.io.outputs import json_text
+from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
+from aoprecalc.pipeline.report import AssetResult, batch_report, junit
 from pipeline.helpers import BAKE, SPHERES
 
 ODD = "ä 日本 <&>\"' \x00\x07\x1b[31m\r\n\t\ud800\ufffe]]> --"
-ORDER = Order(BAKE, SPHERES)
+ORDER = JobSpec(BAKE, SPHERES)
 
 
 def result(name, status, failure=None, warnings=()):
     summary = {"triangles": 2, "warnings": list(warnings)} if failure is None and status != "stopped" else None
     outputs = (f"{name.rpartition('/')[2]}_ao.png",) if summary else ()
-    return Result(Asset(name, Path(f"in/{name}.obj"), ORDER), status, outputs, summary, failure, seconds=1.23456)
+    return AssetResult(Asset(name, Path(f"in/{name}.obj"), ORDER), status, outputs, summary, failure, seconds=1.23456)
 
 
 RESULTS = [
@@ -34,7 +34,7 @@ RESULTS = [
 
 def test_the_report_counts_and_has_every_field():
     report = batch_report(RESULTS, Path("out"), 12.3456)
-    assert report == json.loads(report_text(report))
+    assert report == json.loads(json_text(report))
     assert {key: value for key, value in report.items() if key != "assets"} == {
         "schema": 1,
         "version": __version__,
@@ -62,7 +62,7 @@ def test_the_report_counts_and_has_every_field():
 
 
 def test_names_that_are_no_text_leave_the_report_legible():
-    text = report_text(batch_report([result("b\udcff", "made", warnings=["b\udcff is small"])], Path("out\udcff"), 0.0))
+    text = json_text(batch_report([result("b\udcff", "made", warnings=["b\udcff is small"])], Path("out\udcff"), 0.0))
     report = json.loads(text.encode())
     (asset,) = report["assets"]
     assert (report["output"], asset["name"], asset["path"]) == ("out?", "b?", "in/b?.obj")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from aoprecalc.metrics import Pair
-from aoprecalc.render.comparison import GAP, NO_SURFACE, TILE_MAX_SIZE, TILE_MIN_SIZE, comparison_picture
+from aoprecalc.metrics import PicturePair
+from aoprecalc.render.comparison import BACKGROUND, GAP, TILE_MAX_SIZE, TILE_MIN_SIZE, comparison_picture
 
 
 def flat(value, shape=(256, 256)):
@@ -18,20 +18,20 @@ def tiles(picture, width, count=4):
 
 
 def test_tiles_have_the_colours_of_their_values():
-    picture = comparison_picture(Pair(flat(0.75), flat(0.6875), flat(0.5)))
+    picture = comparison_picture(PicturePair(flat(0.75), flat(0.6875), flat(0.5)))
     assert picture.shape == (256 + 2 * GAP, 4 * 256 + 5 * GAP, 3)
     # greys as stored; 0.625 of full blue at a difference of -0.0625; red full and green half at a FLIP of 0.5
     for tile, color in zip(tiles(picture, 256), [191, 175, (96, 96, 255), (255, 128, 0)], strict=True):
         assert (tile == color).all()
     ground = picture.copy()
     for tile in tiles(ground, 256):
-        tile[:] = NO_SURFACE
-    assert (ground == NO_SURFACE).all()
+        tile[:] = BACKGROUND
+    assert (ground == BACKGROUND).all()
 
 
 @pytest.mark.parametrize(("difference", "color"), [(0.1, (255, 0, 0)), (0.5, (255, 0, 0)), (-0.1, (0, 0, 255))])
 def test_a_tenth_has_full_colour(difference, color):
-    picture = comparison_picture(Pair(flat(0.5), flat(0.5 + difference), flat(0)))
+    picture = comparison_picture(PicturePair(flat(0.5), flat(0.5 + difference), flat(0)))
     assert (tiles(picture, 256)[2] == color).all()
     assert (tiles(picture, 256)[3] == 0).all()
 
@@ -39,7 +39,8 @@ def test_a_tenth_has_full_colour(difference, color):
 @pytest.mark.parametrize("value", [0.0, 0.1, 0.3, 0.4, 0.6, 0.7, 0.9])
 def test_flip_grows_brighter(value):
     found = [
-        comparison_picture(Pair(flat(0), flat(0), flat(flip)))[GAP, -GAP - 1].sum() for flip in (value, value + 0.1)
+        comparison_picture(PicturePair(flat(0), flat(0), flat(flip)))[GAP, -GAP - 1].sum()
+        for flip in (value, value + 0.1)
     ]
     assert found[0] < found[1]
 
@@ -47,7 +48,7 @@ def test_flip_grows_brighter(value):
 def test_small_pictures_are_shown_in_larger_pixels():
     values = np.random.default_rng(0).random((5, 10)).astype(np.float32)
     times = -(-TILE_MIN_SIZE // 10)
-    first = tiles(comparison_picture(Pair(values, values, values)), 10 * times)[0]
+    first = tiles(comparison_picture(PicturePair(values, values, values)), 10 * times)[0]
     assert first.shape == (5 * times, 10 * times, 3)
     np.testing.assert_array_equal(first[::times, ::times, 0], np.floor(values * 255.0 + 0.5))
 
@@ -57,7 +58,7 @@ def test_large_pictures_are_shrunk_by_the_mean(size):
     values = np.random.default_rng(0).random(size).astype(np.float32)
     side = -(-max(size) // TILE_MAX_SIZE)
     rows, columns = (-(-length // side) for length in size)
-    first = tiles(comparison_picture(Pair(values, values, values)), columns)[0]
+    first = tiles(comparison_picture(PicturePair(values, values, values)), columns)[0]
     assert first.shape == (rows, columns, 3)
     for row, column in ((0, 0), (7, 11), (rows - 1, columns - 1)):
         block = values[row * side : (row + 1) * side, column * side : (column + 1) * side]
@@ -65,8 +66,8 @@ def test_large_pictures_are_shrunk_by_the_mean(size):
 
 
 def test_pictures_of_different_sizes_are_shown_alone():
-    picture = comparison_picture(Pair(flat(1, (256, 300)), flat(0, (400, 256)), None))
+    picture = comparison_picture(PicturePair(flat(1, (256, 300)), flat(0, (400, 256)), None))
     assert picture.shape == (400 + 2 * GAP, 300 + 256 + 3 * GAP, 3)
     assert (picture[GAP : GAP + 256, GAP : GAP + 300] == 255).all()
     assert (picture[GAP : GAP + 400, 300 + 2 * GAP : -GAP] == 0).all()
-    assert (picture[GAP + 256 :, GAP : GAP + 300] == NO_SURFACE).all()
+    assert (picture[GAP + 256 :, GAP : GAP + 300] == BACKGROUND).all()

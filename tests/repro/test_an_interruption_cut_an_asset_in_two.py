@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from aoprecalc import SphereOptions, batch
-from aoprecalc.pipeline.run import held_back
-from aoprecalc.pipeline.state import Records
+from aoprecalc.pipeline.run import defer_interrupts
+from aoprecalc.pipeline.state import StateFolder
 from shapes import box
 
 SMALL = SphereOptions(8, samples=500)
@@ -32,7 +32,7 @@ def number(request):
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_what_is_at_its_place_is_in_the_report(when, number, tmp_path, monkeypatch):
     write_boxes(tmp_path / "in")
-    put = Records.put
+    put = StateFolder.put
 
     def interrupted(self, name, record):
         if when == "before":
@@ -42,7 +42,7 @@ def test_what_is_at_its_place_is_in_the_report(when, number, tmp_path, monkeypat
             signal.raise_signal(number)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Records, "put", interrupted)
+        patch.setattr(StateFolder, "put", interrupted)
         result = batch(tmp_path / "in", tmp_path / "out", spheres=SMALL)
     assert result.interrupted
     assert sorted(entry.status for entry in result.results) == ["made", "stopped"]
@@ -51,7 +51,7 @@ def test_what_is_at_its_place_is_in_the_report(when, number, tmp_path, monkeypat
 
 
 def interrupted(number, then):
-    with held_back():
+    with defer_interrupts():
         signal.raise_signal(number)
         then()
 
@@ -72,7 +72,7 @@ def test_an_error_of_the_block_stays_in_sight(number):
 
 def test_nothing_is_held_back_outside_the_main_thread(number):
     def handler():
-        with held_back():
+        with defer_interrupts():
             return signal.getsignal(number)
 
     assert handler() is not signal.default_int_handler

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.spheres.voxels import Grid, inside_mesh
+from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 from shapes import ball
 
 
@@ -11,5 +11,5 @@ def test_a_ball_with_flipped_faces_has_the_same_inside():
     flipped = faces.copy()
     some = np.random.default_rng(0).random(len(faces)) < 0.3
     flipped[some] = flipped[some, ::-1]
-    grid = Grid.around(np.full(3, -1.0), np.full(3, 1.0), 32)
+    grid = VoxelGrid.from_box(np.full(3, -1.0), np.full(3, 1.0), 32)
     np.testing.assert_array_equal(inside_mesh(positions, flipped, grid), inside_mesh(positions, faces, grid))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.algebraic import algebraic
-from aoprecalc.spheres.sampling import on_grid
+from aoprecalc.spheres.algebraic import fit_algebraic
+from aoprecalc.spheres.sampling import round_to_grid
 
 LARGEST = 3**0.5  # no sphere is larger than the one around the box
 
@@ -39,7 +39,7 @@ def made(shape, count, seed):
         points = random.integers(-2, 3, (count, 3)) / 2
     else:
         points = random.uniform(-1, 1, (count, 3))
-    return on_grid(points)
+    return round_to_grid(points)
 
 
 SHAPES = ["ellipsoid", "torus", "box", "plate", "rough plate", "rod", "lattice", "cloud"]
@@ -97,9 +97,9 @@ CENTER, RADIUS = np.array([0.1, -0.2, 0.3]), 0.6
 def test_samples_of_a_cap_give_its_sphere(degrees, seed):
     unit = directions(200_000 if degrees < 30 else 5000, seed)
     cap = unit[unit @ directions(1, seed + 100)[0] >= np.cos(np.radians(degrees))]
-    points = on_grid(CENTER + RADIUS * cap[:2000])
+    points = round_to_grid(CENTER + RADIUS * cap[:2000])
     assert len(points) > 200
-    fit = algebraic(points, points[:1], 100, Progress())
+    fit = fit_algebraic(points, points[:1], 100, Progress())
     np.testing.assert_allclose(fit.centers, [CENTER], rtol=0, atol=1e-9)
     np.testing.assert_allclose(fit.radii, [RADIUS], rtol=0, atol=1e-9)
     assert (fit.iterations, fit.converged, fit.guarded) == (2, True, 0)
@@ -111,7 +111,7 @@ def test_spheres_through_the_same_samples_rest_at_once(count):
     signs = np.array(list(product([-1, 1], repeat=3)))
     points = np.concatenate([signs * sides for sides in permutations([0.25, 0.5, 0.625])]) + [0.125, -0.25, 0.0625]
     points = np.random.default_rng(0).permutation(np.tile(points, (20, 1)))
-    fit = algebraic(points, points[:count], 100, Progress())
+    fit = fit_algebraic(points, points[:count], 100, Progress())
     np.testing.assert_allclose(fit.centers, np.tile([0.125, -0.25, 0.0625], (count, 1)), rtol=0, atol=1e-12)
     assert (fit.iterations, fit.converged, fit.guarded) == (2, True, 0)
     np.testing.assert_array_equal(fit.labels, metric(points, points[:count], np.zeros(count)).argmin(axis=1))
@@ -121,8 +121,8 @@ def test_spheres_through_the_same_samples_rest_at_once(count):
 def test_two_far_spheres(seed):
     centers, radii = np.array([[-0.7, 0, 0.1], [0.6, 0.2, 0]]), np.array([0.2, 0.3])
     which = np.arange(1000) % 2
-    points = on_grid(centers[which] + radii[which, None] * directions(1000, seed))
-    fit = algebraic(points, points[:2], 100, Progress())
+    points = round_to_grid(centers[which] + radii[which, None] * directions(1000, seed))
+    fit = fit_algebraic(points, points[:2], 100, Progress())
     np.testing.assert_allclose(fit.centers, centers, rtol=0, atol=1e-9)
     np.testing.assert_allclose(fit.radii, radii, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(fit.labels, which)
@@ -131,8 +131,8 @@ def test_two_far_spheres(seed):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("sides", [(1, 1, 1), (1, 0.5, 0.1)])
 def test_one_sphere_is_the_sources_least_squares_solution(sides, seed):
-    points = on_grid(np.random.default_rng(seed).uniform(-0.5, 0.5, (400, 3)) * sides + [0.3, 0.2, -0.4])
-    fit = algebraic(points, points[:1], 100, Progress())
+    points = round_to_grid(np.random.default_rng(seed).uniform(-0.5, 0.5, (400, 3)) * sides + [0.3, 0.2, -0.4])
+    fit = fit_algebraic(points, points[:1], 100, Progress())
     center, radius = source_solution(points)
     assert fit.guarded == 0
     np.testing.assert_allclose(fit.centers[0], center, rtol=0, atol=1e-11)
@@ -144,7 +144,7 @@ def test_one_sphere_is_the_sources_least_squares_solution(sides, seed):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_never_rises_and_ends_at_a_fixed_point(shape, count, seed):
     points = made(shape, 1500, seed)
-    fit = algebraic(points, points[:count], 10_000, Progress())
+    fit = fit_algebraic(points, points[:count], 10_000, Progress())
     assert_never_rises(fit.costs)
     assert len(fit.costs) == fit.iterations
     assert_fixed_point(points, fit)
@@ -154,13 +154,13 @@ def test_never_rises_and_ends_at_a_fixed_point(shape, count, seed):
 @pytest.mark.parametrize("shape", ["plate", "rod"])
 def test_a_guard_decides_every_sphere_of_something_flat(shape):
     points = made(shape, 1500, 0)
-    fit = algebraic(points, points[:20], 10_000, Progress())
+    fit = fit_algebraic(points, points[:20], 10_000, Progress())
     assert fit.guarded == 20 * fit.iterations
 
 
 def test_guards_hold_large_spheres_back():
     points = made("rough plate", 1500, 0)
-    fit = algebraic(points, points[:20], 10_000, Progress())
+    fit = fit_algebraic(points, points[:20], 10_000, Progress())
     assert source_solution(points[fit.labels == 0])[1] > LARGEST
     assert fit.guarded > 0
 
@@ -170,8 +170,8 @@ def test_a_tilted_circle_gives_the_sphere_around_it(seed):
     """Every sphere through a circle has f = 0 there, so rounding would choose among them."""
     turn = np.random.default_rng(seed).permutation(40) * np.pi / 20
     axes = np.linalg.qr(directions(3, seed))[0]
-    points = on_grid(CENTER + 0.5 * (np.cos(turn)[:, None] * axes[0] + np.sin(turn)[:, None] * axes[1]))
-    fit = algebraic(points, points[:1], 100, Progress())
+    points = round_to_grid(CENTER + 0.5 * (np.cos(turn)[:, None] * axes[0] + np.sin(turn)[:, None] * axes[1]))
+    fit = fit_algebraic(points, points[:1], 100, Progress())
     assert (fit.iterations, fit.guarded) == (2, 2)
     np.testing.assert_allclose(fit.centers, [CENTER], rtol=0, atol=1e-9)
     np.testing.assert_allclose(fit.radii, [0.5], rtol=0, atol=1e-9)
@@ -181,8 +181,8 @@ def test_a_tilted_circle_gives_the_sphere_around_it(seed):
 @pytest.mark.parametrize("scale", [2.0**-1, 2.0**-4])
 def test_scales_with_the_samples(scale, seed):
     points = made("torus", 1500, seed)
-    whole = algebraic(points, points[:20], 1000, Progress())
-    part = algebraic(points * scale, points[:20] * scale, 1000, Progress())
+    whole = fit_algebraic(points, points[:20], 1000, Progress())
+    part = fit_algebraic(points * scale, points[:20] * scale, 1000, Progress())
     np.testing.assert_array_equal(part.labels, whole.labels)
     np.testing.assert_allclose(part.centers, whole.centers * scale, rtol=0, atol=1e-12)
     np.testing.assert_allclose(part.radii, whole.radii * scale, rtol=1e-12)
@@ -191,7 +191,7 @@ def test_scales_with_the_samples(scale, seed):
 
 def test_an_empty_sphere_starts_again_from_the_farthest_sample():
     points = np.array([[0, 0, 0], [0.25, 0, 0], [0, -0.75, 0], [0, 0, 0.5]])
-    fit = algebraic(points, np.zeros((2, 3)), 1, Progress())
+    fit = fit_algebraic(points, np.zeros((2, 3)), 1, Progress())
     assert fit.labels.tolist() == [0, 0, 1, 0]
     assert fit.costs == (0.25**4 + 0.5**4,)
     assert fit.centers[1].tolist() == [0, -0.75, 0]
@@ -200,7 +200,7 @@ def test_an_empty_sphere_starts_again_from_the_farthest_sample():
 
 def test_no_sphere_gives_its_last_sample_away():
     points = np.array([[1, 0, 0], [0, 0, 0], [0.125, 0, 0], [0, 0.25, 0]])  # the first is farthest from its sphere
-    fit = algebraic(points, np.array([[0, 0, 0], [0.5625, 0, 0], [0, 0, 0]]), 1, Progress())
+    fit = fit_algebraic(points, np.array([[0, 0, 0], [0.5625, 0, 0], [0, 0, 0]]), 1, Progress())
     assert fit.labels.tolist() == [1, 0, 0, 2]
 
 
@@ -208,7 +208,7 @@ def test_all_starts_in_one_place():
     """All but the first start again, each from a place of its own."""
     corners = np.stack(np.meshgrid([-1, 1], [-1, 0.5], [-1, 0.25]), axis=-1).reshape(-1, 3)
     points = np.repeat(np.concatenate([corners, corners / 2]), 50, axis=0)
-    fit = algebraic(points, points[:8], 100, Progress())
+    fit = fit_algebraic(points, points[:8], 100, Progress())
     assert_never_rises(fit.costs)
     assert_fixed_point(points, fit)
     assert len(np.unique(fit.centers, axis=0)) == 8
@@ -216,7 +216,7 @@ def test_all_starts_in_one_place():
 
 def test_as_many_spheres_as_samples():
     points = made("cloud", 300, 0)
-    fit = algebraic(points, points, 100, Progress())
+    fit = fit_algebraic(points, points, 100, Progress())
     assert (fit.iterations, fit.converged) == (2, True)
     assert max(fit.costs) < 1e-26
     assert (fit.centers == points).all()
@@ -225,28 +225,28 @@ def test_as_many_spheres_as_samples():
 
 def test_as_many_spheres_as_places():
     points = np.repeat(made("cloud", 60, 0), 10, axis=0)
-    fit = algebraic(points, points[:60], 100, Progress())
+    fit = fit_algebraic(points, points[:60], 100, Progress())
     assert_fixed_point(points, fit)
     assert fit.costs[-1] < 1e-22
 
 
 def test_stops_at_the_greatest_number_of_iterations(listener):
     points = made("torus", 2000, 0)
-    whole = algebraic(points, points[:30], 1000, Progress())
+    whole = fit_algebraic(points, points[:30], 1000, Progress())
     assert 5 < whole.iterations < 1000
     for allowed in (1, 5):
-        fit = algebraic(points, points[:30], allowed, listener)
+        fit = fit_algebraic(points, points[:30], allowed, listener)
         assert (fit.iterations, fit.converged) == (allowed, False)
         assert fit.costs == whole.costs[:allowed]
     assert listener.steps == 1 + 5
-    assert not algebraic(points, points[:30], whole.iterations - 1, Progress()).converged
-    assert algebraic(points, points[:30], whole.iterations, Progress()).converged
+    assert not fit_algebraic(points, points[:30], whole.iterations - 1, Progress()).converged
+    assert fit_algebraic(points, points[:30], whole.iterations, Progress()).converged
 
 
 def test_same_input_same_output():
     points = made("box", 20_000, 0)
     given = points.copy()
-    first, second = (algebraic(points, points[:50], 30, Progress()) for _ in range(2))
+    first, second = (fit_algebraic(points, points[:50], 30, Progress()) for _ in range(2))
     assert (points == given).all()
     for name in ("centers", "radii", "labels"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()

@@ -6,17 +6,17 @@ import pytest
 import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit
-from aoprecalc.spheres.collision import _grown, pieces
+from aoprecalc.spheres import fit_sphere_set
+from aoprecalc.spheres.collision import _grown, subdivide
 from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.voxels import Grid, inside_mesh
+from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 2)
 
 
 def fitted(scene, count, method="collision", radius="mean", seed=0):
     options = SphereOptions(spheres=count, samples=3000, method=method, radius=radius, seed=seed)
-    return fit(scene, options, Progress())
+    return fit_sphere_set(scene, options, Progress())
 
 
 def beyond(points, spheres):
@@ -55,7 +55,7 @@ def test_a_closed_mesh_is_held_and_spheres_protrude_far_less_than_clusters_do(na
     count, most = {"ball": (3, 0.012), "torus": (20, 0.09), "capsule": (8, 0.05)}[name]
     found, quality = fitted(scene, count)
     low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
-    grid = Grid.around(low, high, 48)  # the points that are held by design, and
+    grid = VoxelGrid.from_box(low, high, 48)  # the points that are held by design, and
     inside = grid.points(inside_mesh(scene.positions, scene.faces, grid))
     assert len(inside) > 5000
     assert beyond(inside, found) < 1e-9
@@ -72,7 +72,7 @@ def test_whatever_spheres_there_are_they_grow_until_they_hold_all(count, seed):
     """Of a box, by spheres anywhere, and by many on its faces, which hold those and leave the middle out."""
     random = np.random.default_rng(seed)
     positions, faces = shapes.box()
-    small = pieces(positions[faces], 0.2)
+    small = subdivide(positions[faces], 0.2)
     inside = random.uniform(-1, 1, (2000, 3))
     centers, radii = random.uniform(-1, 1, (count, 3)), random.uniform(0.01, 0.3, count)
     if count == 200:
@@ -105,5 +105,5 @@ def test_same_seed_same_bytes():
 
 def test_steps_are_counted_as_progress(listener):
     options = SphereOptions(spheres=1, samples=500, method="collision")
-    found, _ = fit(shapes.scene(*shapes.ball(1)), options, listener)
+    found, _ = fit_sphere_set(shapes.scene(*shapes.ball(1)), options, listener)
     assert listener.steps == found.iterations > 0

@@ -7,14 +7,14 @@ import shapes
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit
-from aoprecalc.spheres.fit import MOST, SAMPLES, fewest
-from aoprecalc.spheres.fitted import Fitted
+from aoprecalc.spheres import fit_sphere_set
+from aoprecalc.spheres.fit import MAX_SPHERES, MIN_SAMPLES_PER_SPHERE, search_count
+from aoprecalc.spheres.fitted import SphereFit
 from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.sampling import Frame
+from aoprecalc.spheres.sampling import NormalizedFrame
 
 SCENE = shapes.scene(*shapes.torus(around=24, across=12))
-FRAME = Frame.around(SCENE.positions)
+FRAME = NormalizedFrame.from_positions(SCENE.positions)
 
 
 def error(quality, method):
@@ -22,7 +22,7 @@ def error(quality, method):
 
 
 def fitted(scene, method, **chosen):
-    found, quality = fit(scene, SphereOptions(samples=2000, method=method, **chosen), Progress())
+    found, quality = fit_sphere_set(scene, SphereOptions(samples=2000, method=method, **chosen), Progress())
     return found, error(quality, method)
 
 
@@ -52,13 +52,13 @@ def test_two_far_balls_need_two_spheres():
 
 
 def spheres(count, radius):
-    return Fitted(np.zeros((count, 3)), np.full(count, radius), 1, True)
+    return SphereFit(np.zeros((count, 3)), np.full(count, radius), 1, True)
 
 
-@pytest.mark.parametrize("enough", [*range(1, 20), 255, 256, 257, 1000, MOST - 1, MOST])
+@pytest.mark.parametrize("enough", [*range(1, 20), 255, 256, 257, 1000, MAX_SPHERES - 1, MAX_SPHERES])
 def test_the_least_of_a_falling_error(enough):
     """Samples on the sphere of radius 1: spheres of that radius have no error, others have one."""
-    vectors = np.random.default_rng(0).normal(size=(SAMPLES * MOST, 3))
+    vectors = np.random.default_rng(0).normal(size=(MIN_SAMPLES_PER_SPHERE * MAX_SPHERES, 3))
     points = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     tried = []
 
@@ -66,7 +66,7 @@ def test_the_least_of_a_falling_error(enough):
         tried.append(count)
         return spheres(count, 1.0 if count >= enough else 0.5)
 
-    made = fewest(SCENE, FRAME, points, attempt, 0.01, "lloyd")
+    made = search_count(SCENE, FRAME, points, attempt, 0.01, "lloyd")
     assert len(made.radii) == enough
     assert len(set(tried)) == len(tried) <= 26
     assert enough == 1 or enough - 1 in tried
@@ -76,7 +76,7 @@ def test_the_least_of_a_falling_error(enough):
 def test_of_an_error_that_does_not_fall_evenly_a_step_down_is_found(seed):
     good = np.random.default_rng(seed).random(200) < 0.3
     good[-1] = True
-    vectors = np.random.default_rng(seed).normal(size=(SAMPLES * 200, 3))
+    vectors = np.random.default_rng(seed).normal(size=(MIN_SAMPLES_PER_SPHERE * 200, 3))
     points = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     tried = {}
 
@@ -84,7 +84,7 @@ def test_of_an_error_that_does_not_fall_evenly_a_step_down_is_found(seed):
         tried[count] = bool(good[count - 1])
         return spheres(count, 1.0 if tried[count] else 0.5)
 
-    found = len(fewest(SCENE, FRAME, points, attempt, 0.01, "lloyd").radii)
+    found = len(search_count(SCENE, FRAME, points, attempt, 0.01, "lloyd").radii)
     assert tried[found]
     assert found == 1 or tried[found - 1] is False
 
@@ -93,15 +93,15 @@ def test_the_error_is_the_mean_distance_from_the_surface_in_diagonals():
     points = np.random.default_rng(0).normal(size=(50, 3))
     one = spheres(1, 0.7)
     exact = np.abs(signed_distances(points, one.centers, one.radii)).mean() / FRAME.diagonal
-    assert fewest(SCENE, FRAME, points, lambda count: one, exact * (1 + 1e-12), "lloyd") is one
+    assert search_count(SCENE, FRAME, points, lambda count: one, exact * (1 + 1e-12), "lloyd") is one
     with pytest.raises(AoprecalcError):
-        fewest(SCENE, FRAME, points[:1], lambda count: one, 0.0, "lloyd")
+        search_count(SCENE, FRAME, points[:1], lambda count: one, 0.0, "lloyd")
 
 
 @pytest.mark.parametrize(("method", "kind"), [("lloyd", "mean surface error"), ("shadow", "1 - silhouette IoU")])
 def test_what_no_number_reaches_is_told(method, kind):
     """Up to a tenth as many spheres as there are distinct samples; more would be fitted to the samples alone."""
-    points = np.repeat(np.random.default_rng(0).normal(size=(SAMPLES * 37, 3)), 3, axis=0)
+    points = np.repeat(np.random.default_rng(0).normal(size=(MIN_SAMPLES_PER_SPHERE * 37, 3)), 3, axis=0)
     tried = []
 
     def attempt(count):
@@ -109,5 +109,5 @@ def test_what_no_number_reaches_is_told(method, kind):
         return spheres(count, 9.0 if count != 8 else 5.0)
 
     with pytest.raises(AoprecalcError, match=rf"^made\.obj: .* up to 37 .*--tolerance 0\.001 \({kind}\), .* with 8;"):
-        fewest(SCENE, FRAME, points, attempt, 0.001, method)
+        search_count(SCENE, FRAME, points, attempt, 0.001, method)
     assert tried == [1, 2, 4, 8, 16, 32, 37]

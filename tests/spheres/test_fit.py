@@ -9,13 +9,13 @@ import pytest
 from aoprecalc.errors import InputError
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit
+from aoprecalc.spheres import fit_sphere_set
 
 FEW = SphereOptions(spheres=12, samples=5000)
 
 
 def spheres(scene, options=FEW):
-    return fit(scene, options, Progress())[0]
+    return fit_sphere_set(scene, options, Progress())[0]
 
 
 def moved(scene, scale=1.0, offset=(0.0, 0.0, 0.0)):
@@ -91,7 +91,7 @@ def test_place_and_size_do_not_matter(ball, scale, offset):
 
 @pytest.mark.parametrize("scale", [1e-300, 1e300])
 def test_sizes_at_the_ends_of_float64(ball, scale):
-    found, quality = fit(moved(ball, scale), FEW, Progress())
+    found, quality = fit_sphere_set(moved(ball, scale), FEW, Progress())
     assert np.isfinite(found.centers).all()
     assert (found.radii / scale > 0.1).all()
     assert np.isfinite(list(quality.values())).all()
@@ -107,7 +107,7 @@ def test_both_sides_of_a_face_are_one_surface(scene_of, plate):
 
 
 def test_as_many_spheres_as_samples(ball):
-    found, quality = fit(ball, SphereOptions(spheres=50, samples=50), Progress())
+    found, quality = fit_sphere_set(ball, SphereOptions(spheres=50, samples=50), Progress())
     assert (found.radii == 0).all()
     assert found.converged
     assert (quality["inertia"], quality["coverage"]) == (0, 1)
@@ -115,7 +115,7 @@ def test_as_many_spheres_as_samples(ball):
 
 def test_quality_of_the_rules(ball):
     rules = ("mean", "uniform", "cover")
-    mean, uniform, cover = (fit(ball, replace(FEW, radius=rule), Progress())[1] for rule in rules)
+    mean, uniform, cover = (fit_sphere_set(ball, replace(FEW, radius=rule), Progress())[1] for rule in rules)
     assert cover["coverage"] == 1
     assert uniform["radius_deviation"] == pytest.approx(0, abs=1e-12)
     assert 0 < mean["surface_error_mean"] < uniform["surface_error_mean"] < cover["surface_error_mean"]
@@ -123,17 +123,17 @@ def test_quality_of_the_rules(ball):
 
 
 def test_more_spheres_lie_closer(ball):
-    errors = [fit(ball, replace(FEW, spheres=n), Progress())[1]["surface_error_mean"] for n in (5, 20, 80)]
+    errors = [fit_sphere_set(ball, replace(FEW, spheres=n), Progress())[1]["surface_error_mean"] for n in (5, 20, 80)]
     assert errors == sorted(errors, reverse=True)
 
 
 def test_an_early_stop_is_told(ball, listener):
-    found, _ = fit(ball, replace(FEW, max_iterations=3), listener)
+    found, _ = fit_sphere_set(ball, replace(FEW, max_iterations=3), listener)
     assert (found.iterations, found.converged) == (3, False)
     assert listener.steps == 3
     assert [warning.count("after 3 iterations") for warning in listener.warnings] == [1]
     listener.warnings.clear()
-    fit(ball, FEW, listener)
+    fit_sphere_set(ball, FEW, listener)
     assert listener.warnings == []
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.shadow import choose
-from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
+from aoprecalc.spheres.shadow import greedy_selection
+from aoprecalc.spheres.silhouettes import fibonacci_views, mesh_silhouettes, spheres_per_pixel
 
 
 def worth_of(positions, faces, seen):
@@ -20,29 +20,29 @@ def test_the_balls_themselves_are_found_among_others(seed):
     shape = shapes.join(
         *((shapes.ball(3)[0] * size + place, shapes.ball(3)[1]) for place, size in zip(places, sizes, strict=True))
     )
-    seen = views(12, 2.0, 96, turn=0.1)
+    seen = fibonacci_views(12, 2.0, 96, turn=0.1)
     beside = places[random.integers(3, size=200)] + random.choice([-1, 1], (200, 3)) * random.uniform(
         0.1, 0.5, (200, 3)
     )
     centers = np.concatenate([beside, places, places, places])
     radii = np.concatenate([random.uniform(0.05, 0.6, 200), sizes, 0.6 * sizes, 1.5 * sizes])
     order = random.permutation(len(radii))
-    chosen = choose(centers[order], radii[order], worth_of(*shape, seen), seen, 3)
+    chosen = greedy_selection(centers[order], radii[order], worth_of(*shape, seen), seen, 3)
     assert sorted(order[chosen].tolist()) == [200, 201, 202]
 
 
 def test_the_first_is_worth_most_and_others_add_to_it():
     """By exact discs, where the choice goes by squares: so to within a twentieth, and not once little is left."""
     positions, faces = shapes.torus()
-    seen = views(8, 1.6, 64, turn=0.1)
+    seen = fibonacci_views(8, 1.6, 64, turn=0.1)
     worth = worth_of(positions, faces, seen)
     random = np.random.default_rng(0)
     angle = random.uniform(0, 2 * np.pi, 300)
     centers = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(300)])
     radii = random.uniform(0.1, 0.5, 300)
-    chosen = choose(centers, radii, worth, seen, 10)
-    sums = [((sphere_counts(centers[chosen[:k]], radii[chosen[:k]], seen) > 0) * worth).sum() for k in range(1, 11)]
-    alone = [((sphere_counts(centers[k : k + 1], radii[k : k + 1], seen) > 0) * worth).sum() for k in range(300)]
+    chosen = greedy_selection(centers, radii, worth, seen, 10)
+    sums = [((spheres_per_pixel(centers[chosen[:k]], radii[chosen[:k]], seen) > 0) * worth).sum() for k in range(1, 11)]
+    alone = [((spheres_per_pixel(centers[k : k + 1], radii[k : k + 1], seen) > 0) * worth).sum() for k in range(300)]
     assert sums[0] >= 0.95 * max(alone)
     assert (np.diff(sums)[:7] > 0).all()
     assert sums[7] > 0.85 * (worth > 0).sum()
@@ -50,18 +50,18 @@ def test_the_first_is_worth_most_and_others_add_to_it():
 
 def test_no_more_are_taken_than_gain_anything():
     positions, faces = shapes.ball(3)
-    seen = views(8, 1.3, 64, turn=0.1)
+    seen = fibonacci_views(8, 1.3, 64, turn=0.1)
     apart = np.array([[9.0, 9, 9]]), np.array([0.3])
-    assert len(choose(*apart, worth_of(positions, faces, seen), seen, 5)) == 0
-    assert len(choose(np.zeros((0, 3)), np.zeros(0), worth_of(positions, faces, seen), seen, 0)) == 0
+    assert len(greedy_selection(*apart, worth_of(positions, faces, seen), seen, 5)) == 0
+    assert len(greedy_selection(np.zeros((0, 3)), np.zeros(0), worth_of(positions, faces, seen), seen, 0)) == 0
 
 
 def test_what_is_given_stays_as_it_is():
     positions, faces = shapes.ball(2)
-    seen = views(4, 1.3, 32, turn=0.1)
+    seen = fibonacci_views(4, 1.3, 32, turn=0.1)
     worth = worth_of(positions, faces, seen)
     before = worth.copy()
-    choose(np.zeros((1, 3)), np.ones(1), worth, seen, 1)
+    greedy_selection(np.zeros((1, 3)), np.ones(1), worth, seen, 1)
     np.testing.assert_array_equal(worth, before)
 
 
@@ -69,6 +69,6 @@ def test_what_is_given_stays_as_it_is():
 def test_a_candidate_is_taken_once(radius):
     """Where its square reaches beyond its disc, pixels stay that it seems to gain again."""
     positions, faces = shapes.ball(3)
-    seen = views(8, 1.3, 64, turn=0.1)
-    chosen = choose(np.zeros((1, 3)), np.array([radius]), worth_of(positions, faces, seen), seen, 5)
+    seen = fibonacci_views(8, 1.3, 64, turn=0.1)
+    chosen = greedy_selection(np.zeros((1, 3)), np.array([radius]), worth_of(positions, faces, seen), seen, 5)
     assert chosen.tolist() == [0]

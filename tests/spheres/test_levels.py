@@ -10,15 +10,15 @@ import shapes
 from aoprecalc.io.sphere_files import sphere_document
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit
-from aoprecalc.spheres.fit import parents
+from aoprecalc.spheres import fit_sphere_set
+from aoprecalc.spheres.fit import assign_parents
 from aoprecalc.types import SphereSet
 
 SCENE = shapes.scene(*shapes.clutter(1, boxes=3))
 
 
 def fitted(**chosen):
-    return fit(SCENE, SphereOptions(samples=2000, **chosen), Progress())
+    return fit_sphere_set(SCENE, SphereOptions(samples=2000, **chosen), Progress())
 
 
 def chain(spheres):
@@ -34,7 +34,7 @@ def some(count, seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_parent_is_the_sphere_whose_surface_is_nearest(seed):
     finer, coarser = some(40, seed), some(7, seed + 100)
-    found = parents(finer, coarser)
+    found = assign_parents(finer, coarser)
     for center, parent in zip(finer.centers, found, strict=True):
         away = [np.linalg.norm(center - other) - radius
                 for other, radius in zip(coarser.centers, coarser.radii, strict=True)]  # fmt: skip
@@ -59,7 +59,7 @@ def test_each_level_is_the_plain_fit_of_its_number(method, levels):
     assert down[-1].parents is None
     for finer, coarser in pairwise(down):
         assert ((finer.parents >= 0) & (finer.parents < len(coarser))).all()
-        np.testing.assert_array_equal(finer.parents, parents(finer, coarser))
+        np.testing.assert_array_equal(finer.parents, assign_parents(finer, coarser))
 
 
 def test_the_document_holds_the_levels_and_the_parents():

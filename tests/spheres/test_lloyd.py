@@ -6,8 +6,8 @@ from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.lloyd import lloyd, starts
-from aoprecalc.spheres.sampling import on_grid
+from aoprecalc.spheres.lloyd import initial_centers, lloyd
+from aoprecalc.spheres.sampling import round_to_grid
 
 
 def made(shape, count, seed):
@@ -17,7 +17,7 @@ def made(shape, count, seed):
         points /= np.linalg.norm(points, axis=1, keepdims=True)
     elif shape == "plate":
         points *= [1, 1, 0]
-    return on_grid(points / np.abs(points).max())
+    return round_to_grid(points / np.abs(points).max())
 
 
 def scikit_learn(points, count):
@@ -67,7 +67,7 @@ def test_same_inertia_as_scikit_learn_on_many_samples():
 def test_few_places_many_samples(seed):
     """Samples on a coarse lattice: ties, duplicates and empty clusters all the time."""
     random = np.random.default_rng(seed)
-    points = on_grid(random.integers(-2, 3, (800, 3)) / 2)
+    points = round_to_grid(random.integers(-2, 3, (800, 3)) / 2)
     places = len(np.unique(points, axis=0))
     few = lloyd(points, points[: places // 2], 10_000, Progress())
     assert_fixed_point(points, few)
@@ -108,17 +108,17 @@ def test_as_many_clusters_as_samples():
 def test_careful_starts_are_distinct_samples(seed):
     places = made("cloud", 6, seed)
     points = np.repeat(places, [500, 1, 1, 1, 1, 2], axis=0)
-    chosen = starts(points, 6, "kmeans++", np.random.default_rng(seed))
+    chosen = initial_centers(points, 6, "kmeans++", np.random.default_rng(seed))
     assert sorted(map(tuple, chosen)) == sorted(map(tuple, places))
 
 
 def test_careful_starts_find_far_groups():
     """Squared distances between the groups are 10^8 times those within: one start in each, but for luck."""
     points = np.concatenate([made("cloud", 200, k) * 1e-4 + center for k, center in enumerate(np.eye(3))])
-    chosen = starts(points, 3, "kmeans++", np.random.default_rng(0))
+    chosen = initial_centers(points, 3, "kmeans++", np.random.default_rng(0))
     assert sorted(np.rint(chosen).tolist()) == sorted(np.eye(3).tolist())
 
 
 def test_first_starts_are_the_first_samples():
     points = made("cloud", 20, 0)
-    assert (starts(points, 7, "first", np.random.default_rng(0)) == points[:7]).all()
+    assert (initial_centers(points, 7, "first", np.random.default_rng(0)) == points[:7]).all()

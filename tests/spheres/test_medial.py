@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import shapes
-from aoprecalc.spheres.sampling import Frame, draw_with_normals
+from aoprecalc.spheres.sampling import NormalizedFrame, sample_surface_with_normals
 from aoprecalc.spheres.shadow import medial_balls
 
 ARRIVED = 1e-3  # of the radius: balls that shrink by less stop
@@ -62,9 +62,9 @@ def test_in_a_cylinder_they_have_its_radius(seed):
 def test_none_holds_a_sample_deeper_than_the_tolerance(name, seed, side):
     shape = {"torus": shapes.torus(), "clutter": shapes.clutter(seed), "bowl": shapes.bowl()}[name]
     scene = shapes.scene(*shape)
-    frame, random = Frame.around(scene.positions), np.random.default_rng(seed)
-    samples, _ = draw_with_normals(scene, frame, 5000, random)
-    points, normals = draw_with_normals(scene, frame, 500, random)
+    frame, random = NormalizedFrame.from_positions(scene.positions), np.random.default_rng(seed)
+    samples, _ = sample_surface_with_normals(scene, frame, 5000, random)
+    points, normals = sample_surface_with_normals(scene, frame, 500, random)
     centers, radii = medial_balls(points, side * normals, samples, largest=1.0)
     assert (radii > 0).all()
     assert (radii <= 1).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.lloyd import Pairing
+from aoprecalc.spheres.lloyd import NearestCenters
 
 
 def brute(points, centers):
@@ -21,12 +21,12 @@ def test_wandering_centres(count, seed):
     random = np.random.default_rng(seed)
     points = random.uniform(-1, 1, (2000, 3)) * [1, 1, seed % 2]  # a plate or a block
     centers = points[:count].copy()
-    pairing = Pairing(points, centers)
+    pairing = NearestCenters(points, centers)
     for step in range(40):
         centers = centers + random.normal(0, [0.02, 0.001][step % 2], centers.shape) * [1, 1, seed % 2]
         if step % 10 == 9:
             centers[step % count] = points[-step]  # a jump across
-        pairing.follow(centers)
+        pairing.update(centers)
         expected = brute(points, centers)
         empty = np.flatnonzero(np.bincount(expected, minlength=count) == 0)
         given = pairing.labels != expected
@@ -37,19 +37,19 @@ def test_wandering_centres(count, seed):
 def test_of_equally_near_centres_the_first_wins():
     grid = np.stack(np.meshgrid(*[np.arange(4) / 4] * 3), axis=-1).reshape(-1, 3)  # 64 centres
     points = np.concatenate([grid, grid + 1 / 8])  # on each centre, and in the middle of each cell
-    pairing = Pairing(points, grid)
+    pairing = NearestCenters(points, grid)
     assert (pairing.labels == brute(points, grid)).all()
 
     shifted = grid[::-1].copy()
-    pairing.follow(shifted)
+    pairing.update(shifted)
     assert (pairing.labels == brute(points, shifted)).all()
 
 
 def test_a_tie_that_moving_centres_bring_about():
     points = np.array([[-0.5, 0, 0], [0, 0, 0], [0.75, 0, 0]])
-    pairing = Pairing(points, np.array([[-0.5, 0, 0], [0.25, 0, 0]]))
+    pairing = NearestCenters(points, np.array([[-0.5, 0, 0], [0.25, 0, 0]]))
     assert pairing.labels.tolist() == [0, 1, 1]
-    pairing.follow(np.array([[-0.5, 0, 0], [0.5, 0, 0]]))
+    pairing.update(np.array([[-0.5, 0, 0], [0.5, 0, 0]]))
     assert pairing.labels.tolist() == [0, 0, 1]
 
 
@@ -70,12 +70,12 @@ def test_a_centre_from_beyond_the_neighbourhood_takes_a_far_sample(samples, plac
     """The sample at 0.49 ends up with the centre at 0, next to many; then the centre at 1 comes to 0.9."""
     points = np.concatenate([line(0.49, *samples), [ELSEWHERE]])
     before, after = np.array(places)
-    pairing = Pairing(points, before)
-    pairing.follow(after)
+    pairing = NearestCenters(points, before)
+    pairing.update(after)
     assert after[pairing.labels[0]].tolist() == [0, 0, 0]
     assert (pairing.labels == brute(points, after)).all()
     last = np.where(after == [1, 0, 0], [0.9, 0, 0], after)
-    pairing.follow(last)
+    pairing.update(last)
     assert (pairing.labels == brute(points, last)).all()
 
 
@@ -94,7 +94,7 @@ AWAY = [0, 1, 0]  # where the centre of an empty cluster stands
     ids=["the farthest", "of equals the first", "never a last one", "no place twice", "centres in one place"],
 )
 def test_an_empty_cluster_is_given(points, centers, labels):
-    pairing = Pairing(points, np.array(centers, np.float64))
+    pairing = NearestCenters(points, np.array(centers, np.float64))
     assert pairing.labels.tolist() == labels
     assert pairing.sizes.tolist() == np.bincount(labels).tolist()
 
@@ -102,11 +102,11 @@ def test_an_empty_cluster_is_given(points, centers, labels):
 def test_a_cluster_that_empties_while_centres_move_is_filled_and_followed():
     points = np.random.default_rng(0).uniform(-1, 1, (500, 3))
     start = points[:20]
-    pairing = Pairing(points, start)
+    pairing = NearestCenters(points, start)
     row = np.arange(20)[:, None]
-    pairing.follow(np.where(row == 7, 9.0, start))
+    pairing.update(np.where(row == 7, 9.0, start))
     given = np.flatnonzero(pairing.labels == 7)
     assert len(given) == 1
     back = np.where(row == 7, points[given], start)
-    pairing.follow(back)
+    pairing.update(back)
     assert (pairing.labels == brute(points, back)).all()

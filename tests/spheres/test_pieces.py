@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.collision import pieces
+from aoprecalc.spheres.collision import subdivide
 
 
 def areas(corners):
@@ -21,7 +21,7 @@ def longest(corners):
 def test_the_same_surface_in_short_pieces(seed, length):
     positions, faces = shapes.clutter(seed)
     corners = positions[faces]
-    small = pieces(corners, length)
+    small = subdivide(corners, length)
     assert longest(small) <= length
     assert areas(small).sum() == pytest.approx(areas(corners).sum(), rel=1e-9)
     covered = {tuple(corner) for corner in small.reshape(-1, 3)}
@@ -32,7 +32,7 @@ def test_the_same_surface_in_short_pieces(seed, length):
 def test_each_point_of_a_triangle_is_in_a_piece_and_only_in_one(seed):
     random = np.random.default_rng(seed)
     triangle = random.normal(size=(1, 3, 3))
-    small = pieces(triangle, 0.3)
+    small = subdivide(triangle, 0.3)
     assert len(small) > 1
     points = random.dirichlet(np.ones(3), 200) @ triangle[0]
     origin, along, across = small[:, 0], small[:, 1] - small[:, 0], small[:, 2] - small[:, 0]
@@ -43,10 +43,10 @@ def test_each_point_of_a_triangle_is_in_a_piece_and_only_in_one(seed):
 
 def test_short_triangles_stay():
     corners = np.random.default_rng(0).uniform(-0.1, 0.1, (20, 3, 3))
-    np.testing.assert_array_equal(pieces(corners, 1.0), corners)
+    np.testing.assert_array_equal(subdivide(corners, 1.0), corners)
 
 
 def test_a_triangle_without_area_is_cut_too():
-    small = pieces(np.array([[[0.0, 0, 0], [1, 0, 0], [0.5, 0, 0]]]), 0.2)
+    small = subdivide(np.array([[[0.0, 0, 0], [1, 0, 0], [0.5, 0, 0]]]), 0.2)
     assert longest(small) <= 0.2
     assert (small.min(), small.max()) == (0, 1)

@@ -8,9 +8,9 @@ import pytest
 import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.fit import measure
-from aoprecalc.spheres.metrics import quality
-from aoprecalc.spheres.sampling import Frame
+from aoprecalc.spheres.fit import measure_quality
+from aoprecalc.spheres.metrics import sphere_quality
+from aoprecalc.spheres.sampling import NormalizedFrame
 
 BALL = shapes.scene(*shapes.ball(4))
 SILHOUETTES = ("silhouette_iou", "silhouette_iou_min", "leak", "spill", "area_bias")
@@ -18,14 +18,16 @@ VOLUMES = ("inside_volume", "outside_volume")
 
 
 def measured(scene, centers, radii):
-    return measure(scene, np.array(centers, float), np.array(radii, float), SphereOptions(samples=4000), Progress())
+    return measure_quality(
+        scene, np.array(centers, float), np.array(radii, float), SphereOptions(samples=4000), Progress()
+    )
 
 
 def test_figures_of_points_by_hand():
     """Spheres of radius 2 and 3, 4 apart. From the nearer surface: -1, -2, -2, -1 and 3; nearest centres 1 1 1 2 6."""
     points = np.array([[0, 1, 0], [3, 0, 0], [5, 0, 0], [4, 0, 2], [4, -6, 0]], float)
-    frame = Frame(center=np.array([7.0, 7, 7]), scale=10, diagonal=2)
-    found = quality(BALL, frame, points, np.array([[0, 0, 0], [4, 0, 0]], float), np.array([2.0, 3.0]))
+    frame = NormalizedFrame(center=np.array([7.0, 7, 7]), scale=10, diagonal=2)
+    found = sphere_quality(BALL, frame, points, np.array([[0, 0, 0], [4, 0, 0]], float), np.array([2.0, 3.0]))
     expected = {
         "radius_min": 20,
         "radius_mean": 25,
@@ -47,7 +49,7 @@ def test_coverage_and_errors_by_brute_force(seed):
     points, centers, sizes = random.normal(size=(500, 3)), random.normal(size=(30, 3)), random.uniform(0, 0.7, 30)
     away = np.linalg.norm(points[:, None] - centers[None], axis=2)
     beyond = (away - sizes).min(axis=1)
-    found = quality(BALL, Frame(np.zeros(3), 1.0, 3.0), points, centers, sizes)
+    found = sphere_quality(BALL, NormalizedFrame(np.zeros(3), 1.0, 3.0), points, centers, sizes)
     assert 0 < (beyond <= 0).mean() < 1
     assert found["coverage"] == (beyond <= 0).mean()
     assert found["surface_error_mean"] == pytest.approx(np.abs(beyond).mean() / 3, rel=1e-12)
@@ -97,7 +99,9 @@ def test_twice_the_radius():
     assert found["leak"] == 0
     assert found["coverage"] == found["inside_volume"] == 1
     assert found["outside_volume"] == pytest.approx(7, rel=0.02)
-    assert found["surface_error_mean"] * Frame.around(BALL.positions).diagonal == pytest.approx(1, rel=0.002)
+    assert found["surface_error_mean"] * NormalizedFrame.from_positions(BALL.positions).diagonal == pytest.approx(
+        1, rel=0.002
+    )
 
 
 def test_half_the_radius():
@@ -144,7 +148,9 @@ def test_a_sphere_far_away():
     assert found["leak"] > 0.99
     assert found["spill"] == pytest.approx(1, abs=0.1)  # of some 500 pixels in all views
     assert found["area_bias"] == pytest.approx(0, abs=0.1)
-    assert found["surface_error_mean"] * Frame.around(BALL.positions).diagonal == pytest.approx(19, abs=0.1)
+    assert found["surface_error_mean"] * NormalizedFrame.from_positions(BALL.positions).diagonal == pytest.approx(
+        19, abs=0.1
+    )
 
 
 def test_a_sphere_in_whose_picture_the_mesh_is_small():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.lloyd import Clusters, radii
+from aoprecalc.spheres.lloyd import Clusters, cluster_radii
 
 # Cluster 0 stands at the origin with samples at distances 1 and 3, cluster 1 at x = 4 with samples at 1, 2 and 6.
 CLUSTERS = Clusters(
@@ -17,4 +17,4 @@ CLUSTERS = Clusters(
 
 @pytest.mark.parametrize(("rule", "expected"), [("mean", [2, 3]), ("uniform", [2.6, 2.6]), ("cover", [3, 6])])
 def test_rules(rule, expected):
-    assert radii(CLUSTERS, rule) == pytest.approx(expected, rel=1e-15)
+    assert cluster_radii(CLUSTERS, rule) == pytest.approx(expected, rel=1e-15)

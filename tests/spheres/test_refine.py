@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.silhouette_descent import Descent
-from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
+from aoprecalc.spheres.silhouette_descent import SilhouetteDescent
+from aoprecalc.spheres.silhouettes import fibonacci_views, mesh_silhouettes, spheres_per_pixel
 
-SEEN = views(20, 1.6, 96, turn=0.25)
+SEEN = fibonacci_views(20, 1.6, 96, turn=0.25)
 PIXEL = 1 / SEEN.scale
 
 
@@ -17,11 +17,11 @@ def silhouettes(shape, seen=SEEN):
 
 def differing(wanted, centers, radii):
     """Pixels in which the silhouettes differ, in the mean over views."""
-    return ((sphere_counts(centers, radii, SEEN) > 0) != wanted).sum(axis=(1, 2)).mean()
+    return ((spheres_per_pixel(centers, radii, SEEN) > 0) != wanted).sum(axis=(1, 2)).mean()
 
 
 def descent_of(wanted, centers, radii):
-    return Descent(np.array(centers, float), np.array(radii, float), wanted, SEEN, len(SEEN))
+    return SilhouetteDescent(np.array(centers, float), np.array(radii, float), wanted, SEEN, len(SEEN))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -116,6 +116,6 @@ def test_a_pull_moves_what_silhouettes_do_not():
 
 def test_what_is_given_stays_as_it_is():
     centers, radii = np.zeros((1, 3)), np.full(1, 0.5)
-    Descent(centers, radii, silhouettes(shapes.ball(2)), SEEN, 5).step(1.0)
+    SilhouetteDescent(centers, radii, silhouettes(shapes.ball(2)), SEEN, 5).step(1.0)
     assert (centers == 0).all()
     assert radii.tolist() == [0.5]

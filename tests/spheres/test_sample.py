@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import chi2
 
 from aoprecalc.errors import InputError
-from aoprecalc.spheres.sampling import Frame, draw, on_grid
+from aoprecalc.spheres.sampling import NormalizedFrame, round_to_grid, sample_surface
 
 
 def samples(scene, count, distinct=1, seed=0):
     """Samples in the mesh's own coordinates."""
-    frame = Frame.around(scene.positions)
-    return frame.leave(draw(scene, frame, count, distinct, np.random.default_rng(seed)))
+    frame = NormalizedFrame.from_positions(scene.positions)
+    return frame.from_normalized(sample_surface(scene, frame, count, distinct, np.random.default_rng(seed)))
 
 
 def barycentric(points, triangle):
@@ -62,10 +62,10 @@ def test_seed_decides_and_a_longer_run_starts_with_the_shorter_one(ball):
 
 
 def test_any_sum_of_points_on_the_grid_is_exact():
-    points = on_grid(np.random.default_rng(0).uniform(0.5, 1, (100_000, 3)))
+    points = round_to_grid(np.random.default_rng(0).uniform(0.5, 1, (100_000, 3)))
     assert (points[::-1].cumsum(axis=0)[-1] == points.cumsum(axis=0)[-1]).all()
-    assert (np.ones((5, 3)) == on_grid(np.ones((5, 3)))).all()
-    assert not np.signbit(on_grid(np.full((2, 3), -1e-300))).any()
+    assert (np.ones((5, 3)) == round_to_grid(np.ones((5, 3)))).all()
+    assert not np.signbit(round_to_grid(np.full((2, 3), -1e-300))).any()
 
 
 @pytest.mark.parametrize(

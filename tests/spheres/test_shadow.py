@@ -9,14 +9,14 @@ import pytest
 import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import fit
+from aoprecalc.spheres import fit_sphere_set
 
 # Silhouettes are measured (`quality`) from directions that no fit uses.
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 4)
 
 
 def fitted(scene, count, method="shadow", seed=0):
-    return fit(scene, SphereOptions(spheres=count, samples=4000, method=method, seed=seed), Progress())
+    return fit_sphere_set(scene, SphereOptions(spheres=count, samples=4000, method=method, seed=seed), Progress())
 
 
 @cache
@@ -137,6 +137,8 @@ def test_more_spheres_are_never_much_worse(name):
 
 
 def test_steps_are_counted_as_progress(listener):
-    found, _ = fit(shapes.scene(*shapes.ball(2)), SphereOptions(spheres=2, samples=500, method="shadow"), listener)
+    found, _ = fit_sphere_set(
+        shapes.scene(*shapes.ball(2)), SphereOptions(spheres=2, samples=500, method="shadow"), listener
+    )
     assert listener.steps == found.iterations > 0
     assert listener.warnings == []

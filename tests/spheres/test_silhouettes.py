@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.silhouettes import Views, counted, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
+from aoprecalc.spheres.silhouettes import (
+    Views,
+    disc_spans,
+    fibonacci_views,
+    mesh_silhouettes,
+    span_counts,
+    span_sums,
+    spheres_per_pixel,
+)
 
 SNAPPED = 1 / 128  # pixels: the rasteriser moves corners by half as much at most
 
@@ -44,10 +52,10 @@ def random_discs(seed, count=40, pictures=3, size=32):
 def test_pixels_whose_centres_lie_in_a_triangle(seed):
     """Sure of those that lie in one, and of those that lie in none, by more than corners are moved."""
     positions, faces = shapes.clutter(seed)
-    seen = views(5, [4.0, 1.0][seed % 2], 40, turn=seed / 7)  # all of it, or its middle
+    seen = fibonacci_views(5, [4.0, 1.0][seed % 2], 40, turn=seed / 7)  # all of it, or its middle
     found = mesh_silhouettes(positions, faces, seen)
     at = pixel_centers(40).reshape(-1, 2)
-    for mask, *places in zip(found, *seen.places(positions), strict=True):
+    for mask, *places in zip(found, *seen.project(positions), strict=True):
         deepest = depths(np.stack(places, axis=-1)[faces], at).max(axis=0).reshape(40, 40)
         sure = np.abs(deepest) > SNAPPED
         assert sure.mean() > 0.95
@@ -58,11 +66,11 @@ def test_pixels_whose_centres_lie_in_a_triangle(seed):
 @pytest.mark.parametrize("place", [(0, 0, 0), (0.3, -0.2, 0.1)])
 def test_the_disc_of_a_ball_from_everywhere(place):
     positions, faces = shapes.ball(4, radius=0.7)
-    seen = views(32, 1.2, 200, turn=0.5)
+    seen = fibonacci_views(32, 1.2, 200, turn=0.5)
     pixel = (2 * seen.half / seen.size) ** 2
     area = np.pi * 0.7**2
     by_mesh = mesh_silhouettes(positions + place, faces, seen)
-    by_sphere = sphere_counts(np.array([place], float), np.array([0.7]), seen)
+    by_sphere = spheres_per_pixel(np.array([place], float), np.array([0.7]), seen)
     assert by_mesh.sum(axis=(1, 2)) * pixel == pytest.approx(np.full(32, area), rel=0.006)  # its facets lie within
     assert by_sphere.sum(axis=(1, 2)) * pixel == pytest.approx(np.full(32, area), rel=0.003)
     assert (by_mesh & (by_sphere == 0)).sum() < 1e-3 * by_mesh.sum()
@@ -73,26 +81,26 @@ def test_spheres_over_each_pixel(seed):
     random = np.random.default_rng(seed)
     centers = random.normal(size=(30, 3))
     radii = random.choice([0.0, 0.01, 0.3, 5.0], 30, p=[0.2, 0.3, 0.45, 0.05]) * random.uniform(0.5, 1, 30)
-    seen = views(4, 1.0, 32, turn=seed / 7)
-    expected = in_discs(*seen.places(centers), radii * seen.scale, seen.size).sum(axis=1)
+    seen = fibonacci_views(4, 1.0, 32, turn=seed / 7)
+    expected = in_discs(*seen.project(centers), radii * seen.scale, seen.size).sum(axis=1)
     assert (expected > 0).any()
-    np.testing.assert_array_equal(sphere_counts(centers, radii, seen), expected)
+    np.testing.assert_array_equal(spheres_per_pixel(centers, radii, seen), expected)
 
 
 def test_no_spheres_cover_nothing():
-    assert not sphere_counts(np.zeros((0, 3)), np.zeros(0), views(3, 1.0, 16, turn=0.0)).any()
+    assert not spheres_per_pixel(np.zeros((0, 3)), np.zeros(0), fibonacci_views(3, 1.0, 16, turn=0.0)).any()
 
 
 def test_a_disc_without_size_covers_the_pixel_in_whose_centre_it_lies():
     columns, rows = np.array([[2.5, 4.0, 5.5]]), np.array([[3.5, 3.5, 5.0]])
-    runs = disc_runs(columns, rows, np.zeros(3), 8)
+    runs = disc_spans(columns, rows, np.zeros(3), 8)
     assert [runs.owner.tolist(), runs.line.tolist(), runs.first.tolist(), runs.stop.tolist()] == [[0], [3], [2], [3]]
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_runs_of_discs(seed):
     columns, rows, radii = random_discs(seed)
-    runs = disc_runs(columns, rows, radii, 32)
+    runs = disc_spans(columns, rows, radii, 32)
     all_of_them = in_discs(columns, rows, radii, 32)
     assert (runs.first >= 0).all()
     assert (runs.first < runs.stop).all()
@@ -111,29 +119,29 @@ def test_runs_of_discs(seed):
 def test_sums_over_discs(seed):
     columns, rows, radii = random_discs(seed)
     pictures = np.random.default_rng(seed).normal(size=(3, 32, 32)).astype(np.float32)
-    runs = disc_runs(columns, rows, radii, 32)
+    runs = disc_spans(columns, rows, radii, 32)
     inside = in_discs(columns, rows, radii, 32)
     expected = (pictures[:, None] * inside).sum(axis=(2, 3), dtype=float)
-    np.testing.assert_allclose(run_sums(runs, pictures, columns.size), expected.ravel(), rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(counted(runs, 3, 32), inside.sum(axis=1))
+    np.testing.assert_allclose(span_sums(runs, pictures, columns.size), expected.ravel(), rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(span_counts(runs, 3, 32), inside.sum(axis=1))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_from_behind_silhouettes_are_mirrored(seed):
     positions, faces = shapes.clutter(seed)
-    seen = views(6, 4.0, 64, turn=0.1)
+    seen = fibonacci_views(6, 4.0, 64, turn=0.1)
     behind = Views(-seen.across, seen.upward, seen.half, seen.size)
     differs = mesh_silhouettes(positions, faces, behind) != mesh_silhouettes(positions, faces, seen)[..., ::-1]
     assert differs.sum() <= 3  # of 24,576 pixels: those whose centre an edge goes through, as far as is told
     radii = np.linspace(0.05, 0.5, len(positions))
     np.testing.assert_array_equal(
-        sphere_counts(positions, radii, behind), sphere_counts(positions, radii, seen)[..., ::-1]
+        spheres_per_pixel(positions, radii, behind), spheres_per_pixel(positions, radii, seen)[..., ::-1]
     )
 
 
 def test_some_views_show_what_they_show_among_all():
     positions, faces = shapes.clutter(0)
-    seen = views(7, 3.0, 48, turn=0.2)
+    seen = fibonacci_views(7, 3.0, 48, turn=0.2)
     whole = mesh_silhouettes(positions, faces, seen)
     which = np.array([5, 0, 3])
     assert (len(seen), len(seen[2:4]), len(seen[which])) == (7, 2, 3)
@@ -142,16 +150,18 @@ def test_some_views_show_what_they_show_among_all():
 
 
 def test_views_look_from_all_around_along_columns_and_rows_at_right_angles():
-    seen = views(50, 2.0, 10, turn=0.3)
+    seen = fibonacci_views(50, 2.0, 10, turn=0.3)
     along = np.cross(seen.across, seen.upward)
     for sides in (seen.across, seen.upward, along):
         np.testing.assert_allclose(np.linalg.norm(sides, axis=1), 1, rtol=1e-12)
     np.testing.assert_allclose(along.T @ along / 50, np.eye(3) / 3, atol=0.02)  # as of the whole sphere
-    columns, rows = seen.places(2 * seen.across)
+    columns, rows = seen.project(2 * seen.across)
     np.testing.assert_allclose(np.diag(columns), 10)
     np.testing.assert_allclose(np.diag(rows), 5)
 
 
 def test_turned_views_have_none_in_common():
-    first, second = (np.cross(seen.across, seen.upward) for seen in (views(32, 1, 8, 0.5), views(40, 1, 8, 0.25)))
+    first, second = (
+        np.cross(seen.across, seen.upward) for seen in (fibonacci_views(32, 1, 8, 0.5), fibonacci_views(40, 1, 8, 0.25))
+    )
     assert np.abs(first @ second.T).max() < 1 - 1e-4

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.voxels import Grid, inside_mesh, sphere_layers
+from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh, spheres_per_voxel
 
 
 def around(positions, most):
-    return Grid.around(positions.min(axis=0), positions.max(axis=0), most)
+    return VoxelGrid.from_box(positions.min(axis=0), positions.max(axis=0), most)
 
 
 def volume(positions, faces, most=64):
@@ -113,7 +113,7 @@ def test_an_open_mesh_holds_nothing_in_columns_that_end_inside():
 
 
 def test_points_are_the_middles_of_cubes():
-    grid = Grid.around(np.array([1.0, 2, 3]), np.array([2.0, 4, 3]), 4)
+    grid = VoxelGrid.from_box(np.array([1.0, 2, 3]), np.array([2.0, 4, 3]), 4)
     assert grid.shape == (2, 4, 1)
     inside = np.zeros(grid.shape, bool)
     inside[1, 3, 0] = True
@@ -126,8 +126,8 @@ def test_spheres_that_hold_each_point(seed):
     centers = random.uniform(-1.5, 1.5, (25, 3))
     radii = random.choice([0.0, 0.1, 0.5, 4.0], 25, p=[0.1, 0.4, 0.4, 0.1]) * random.uniform(0.5, 1, 25)
     shape = random.permutation([9, 14, 20])
-    grid = Grid(np.full(3, -1.0), 2 / 20, tuple(shape.tolist()))
+    grid = VoxelGrid(np.full(3, -1.0), 2 / 20, tuple(shape.tolist()))
     points = grid.points(np.ones(grid.shape, bool))
     expected = (np.linalg.norm(points[:, None] - centers, axis=2) <= radii).sum(axis=1)
     assert expected.max() > 1
-    np.testing.assert_array_equal(sphere_layers(centers, radii, grid).ravel(), expected)
+    np.testing.assert_array_equal(spheres_per_voxel(centers, radii, grid).ravel(), expected)

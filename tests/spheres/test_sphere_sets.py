@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError, OutputError, UsageError
-from aoprecalc.io.sphere_files import check_kind, read_sphere_set, write_sphere_set
+from aoprecalc.io.sphere_files import check_sphere_extension, read_sphere_set, write_sphere_set
 from aoprecalc.types import SphereSet
 
 SPHERES = SphereSet(
@@ -56,7 +56,7 @@ def test_back_as_written(tmp_path):
 @pytest.mark.parametrize("name", ["a.jsn", "a", "json", "a.json.gz"])
 def test_other_extensions_are_refused(tmp_path, name):
     with pytest.raises(UsageError, match=r"written as \.json"):
-        check_kind(tmp_path / name)
+        check_sphere_extension(tmp_path / name)
     with pytest.raises(UsageError, match=r"written as \.json"):
         write_sphere_set(tmp_path / name, SPHERES, QUALITY)
     assert list(tmp_path.iterdir()) == []

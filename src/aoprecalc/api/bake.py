@@ -14,19 +14,19 @@ from aoprecalc.api.warnings import bake_warnings
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.io import (
     Outputs,
-    check_mesh_suffix,
-    choose_depth,
+    check_mesh_extension,
+    choose_bit_depth,
     load_scene,
-    mesh_suffix,
+    output_mesh_extension,
     read_image,
     source_files,
     write_baked_mesh,
     write_image,
 )
-from aoprecalc.io.outputs import claim, output_place, write_report
+from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.roles import assign_roles
-from aoprecalc.metrics.errors import Verified
+from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress, Stopwatch
 from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
@@ -80,27 +80,27 @@ def bake(
     mesh = Path(mesh)
     stem = stem or mesh.stem
     watch = Stopwatch(progress)
-    texture_path = output_place(output, f"{stem}_ao.png")
-    choose_depth(texture_path, options.bit_depth)
+    texture_path = output_path(output, f"{stem}_ao.png")
+    choose_bit_depth(texture_path, options.bit_depth)
     if verify:
         require_embreex()
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
-        claim(outputs, output, texture_path)
+        claim_output(outputs, output, texture_path)
         with watch.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         folder = texture_path.parent
-        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{mesh_suffix(scene)[0]}")
-        check_mesh_suffix(mesh_path, options.pack)
-        claim(outputs, mesh_output, mesh_path)
-        report_path = None if report is None else output_place(report, f"{stem}_report.json")
+        mesh_path = output_path(mesh_output, folder / f"{stem}_ao{output_mesh_extension(scene)[0]}")
+        check_mesh_extension(mesh_path, options.pack)
+        claim_output(outputs, mesh_output, mesh_path)
+        report_path = None if report is None else output_path(report, f"{stem}_report.json")
         if report_path is not None:
-            claim(outputs, report, report_path)
+            claim_output(outputs, report, report_path)
         baked = bake_scene(scene, options, progress, watch, make_visibility)
-        suffix, reason = mesh_suffix(baked.scene, baked.atlas)
-        mesh_path = output_place(mesh_output, folder / f"{stem}_ao{suffix}")
-        check_mesh_suffix(mesh_path, options.pack)
+        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
+        mesh_path = output_path(mesh_output, folder / f"{stem}_ao{suffix}")
+        check_mesh_extension(mesh_path, options.pack)
         with watch.stage("write"):
             written = outputs.path(texture_path)
             write_image(written, baked.texture.values, options.bit_depth)
@@ -114,7 +114,7 @@ def bake(
         places = {"texture": texture_path, "mesh": mesh_path}
         document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
         if report_path is not None:
-            write_report(outputs.path(report_path), document)
+            write_json(outputs.path(report_path), document)
     for line in warnings:
         progress.warn(line)
     return BakeResult(texture_path, mesh_path, baked, document)
@@ -210,7 +210,7 @@ def _occluded_share(sides: list[TexelOcclusion], size: int) -> float:
 
 def _verified(
     baked: Baked, picture: Float32Array, options: BakeOptions, progress: Progress, watch: Stopwatch
-) -> Verified:
+) -> TextureErrors:
     """Measure the picture that a bake has written."""
     asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
     with watch.stage("verify", asked.points, "points"):

@@ -10,16 +10,23 @@ import numpy as np
 
 from aoprecalc import __version__
 from aoprecalc.errors import InputError, UsageError
-from aoprecalc.io import Outputs, choose_depth, find_occlusion, load_scene, source_files, write_colors
+from aoprecalc.io import (
+    MESH_EXTENSIONS,
+    Outputs,
+    choose_bit_depth,
+    find_occlusion,
+    load_scene,
+    source_files,
+    write_colors,
+)
 from aoprecalc.io.images import read_pixels
-from aoprecalc.io.meshes import READERS
-from aoprecalc.io.occlusion import NoOcclusionError
-from aoprecalc.io.outputs import claim, output_place, read_document, write_report
+from aoprecalc.io.meshes import NoOcclusionError
+from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files.files import read_levels
 from aoprecalc.metrics import (
     Answer,
+    ComparedMesh,
     Difference,
-    Surface,
     document_difference,
     mesh_difference,
     picture_difference,
@@ -38,13 +45,13 @@ def kind_of(path: Path) -> Kind:
     Raises InputError for a .json that cannot be read, or holds neither a sphere set nor a report.
     """
     suffix = path.suffix.lower()
-    if suffix.removeprefix(".") in READERS:
+    if suffix in MESH_EXTENSIONS:
         return "mesh"
     if suffix in (".csv", ".npz"):
         return "spheres"
     if suffix != ".json":
         return "texture"
-    document = read_document(path)
+    document = read_json_object(path)
     if isinstance(document.get("spheres"), list):
         return "spheres"
     if "schema" not in document:
@@ -53,8 +60,6 @@ def kind_of(path: Path) -> Kind:
 
 
 # Compare: whether two results are the same, near enough, or different.
-
-SCHEMA = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +104,9 @@ def compare(
     options, progress = options or CompareOptions(), progress or Progress()
     a, b = Path(a), Path(b)
     wanted = {"picture": (picture, f"{a.stem}_compare.png"), "report": (report, f"{a.stem}_compare.json")}
-    places = {name: output_place(path, default) for name, (path, default) in wanted.items() if path is not None}
+    places = {name: output_path(path, default) for name, (path, default) in wanted.items() if path is not None}
     if "picture" in places:
-        choose_depth(places["picture"], "8")
+        choose_bit_depth(places["picture"], "8")
     with Outputs() as outputs:
         kind = _common_kind(a, b)
         if "picture" in places and kind not in ("texture", "mesh"):
@@ -111,7 +116,7 @@ def compare(
             first, second = read(a), read(b)
         outputs.protect([*first.files, *second.files])
         for name, place in places.items():
-            claim(outputs, wanted[name][0], place)
+            claim_output(outputs, wanted[name][0], place)
         with progress.stage("compare"):
             difference = measure(first.value, second.value)
             answer = difference.answer(options.tolerance)
@@ -122,7 +127,7 @@ def compare(
         said = [f"{path}: {line}" for path, found in ((a, first), (b, second)) for line in found.warnings]
         warnings = [*dict.fromkeys(said), *difference.warnings]
         document = {
-            "schema": SCHEMA,
+            "schema": SCHEMAS["compare"],
             "version": __version__,
             "kind": kind,
             "a": str(a),
@@ -135,7 +140,7 @@ def compare(
             "warnings": warnings,
         }
         if "report" in places:
-            write_report(outputs.path(places["report"]), document)
+            write_json(outputs.path(places["report"]), document)
     for line in warnings:
         progress.warn(line)
     return CompareResult(answer, difference, document)
@@ -161,10 +166,10 @@ def _read_mesh(path: Path) -> _Read:
     try:
         found = find_occlusion(scene)
     except NoOcclusionError:
-        surface = Surface(scene.corners, scene.normals, scene.uv_sets)
+        surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets)
         return _Read(surface, tuple(source_files(scene)), scene.warnings)
     lies = np.where(found.shown[:, None, None], found.uvs, np.nan)
-    surface = Surface(scene.corners, scene.normals, scene.uv_sets, found.values[:, :, None], lies)
+    surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, found.values[:, :, None], lies)
     files = [*source_files(scene), *([] if found.path is None else [found.path])]
     return _Read(surface, tuple(files), (*scene.warnings, *found.warnings))
 
@@ -174,7 +179,7 @@ def _read_spheres(path: Path) -> _Read:
 
 
 def _read_report(path: Path) -> _Read:
-    return _Read(read_document(path), (path,))
+    return _Read(read_json_object(path), (path,))
 
 
 _NAMES: dict[Kind, str] = {"texture": "texture", "mesh": "mesh", "spheres": "sphere set", "report": "report"}

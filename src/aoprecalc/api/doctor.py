@@ -10,6 +10,7 @@ from typing import Any
 
 from aoprecalc import __version__
 from aoprecalc.gl.context import CANDIDATES, INSTALLS, VERSION, Candidate
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.progress import Progress, Stopwatch
 from aoprecalc.subprocesses import ask, command
 from aoprecalc.system import EXTRAS, LIBRARIES, environment, machine, versions
@@ -90,7 +91,6 @@ def _child(*request: str) -> list[str]:
 
 # Doctor: what this machine can bake with, whether a small bake comes out right, and what to install.
 
-SCHEMA = 1
 
 _TRIAL = command("aoprecalc.api.self_test")
 _PATIENCE = 60.0  # seconds that the self-test may take; two are plenty on two cores
@@ -130,7 +130,7 @@ def doctor(progress: Progress | None = None) -> Checkup:
     passed = trial is not None and bool(trial["passed"])
     extras = {extra: versions(names) for extra, names in EXTRAS.items()}
     report = {
-        "schema": SCHEMA,
+        "schema": SCHEMAS["doctor"],
         "version": __version__,
         "machine": machine(),
         "environment": environment(),

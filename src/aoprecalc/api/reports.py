@@ -7,21 +7,20 @@ from typing import Any
 import numpy as np
 
 from aoprecalc import __version__
-from aoprecalc.io import OcclusionPicture
+from aoprecalc.io import OcclusionTexture
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.mesh.topology import topology
-from aoprecalc.metrics.errors import Errors, Place, Verified
+from aoprecalc.metrics.errors import ErrorStatistics, TextureErrors, WorstPoint
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
 from aoprecalc.uv.gutter import first_unsafe_mip
-
-VERIFY_SCHEMA = 1
 
 
 def verify_report(
     scene: Scene,
     atlas: Atlas,
-    found: OcclusionPicture,
-    verified: Verified,
+    found: OcclusionTexture,
+    verified: TextureErrors,
     options: VerifyOptions,
     places: dict[str, Path],
     seconds: dict[str, float],
@@ -30,7 +29,7 @@ def verify_report(
     """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
     height, width = found.values.shape
     return {
-        "schema": VERIFY_SCHEMA,
+        "schema": SCHEMAS["verify"],
         "version": __version__,
         "input": {"path": str(scene.path), "triangles": len(scene.faces)},
         "texture": {
@@ -53,7 +52,7 @@ def verify_report(
     }
 
 
-def verified_report(verified: Verified) -> dict[str, Any]:
+def verified_report(verified: TextureErrors) -> dict[str, Any]:
     """Return what was measured, for a report of any job."""
     return {
         "points": verified.points,
@@ -63,11 +62,11 @@ def verified_report(verified: Verified) -> dict[str, Any]:
     }
 
 
-def _errors(level: int, errors: Errors) -> dict[str, Any]:
+def _errors(level: int, errors: ErrorStatistics) -> dict[str, Any]:
     return {"level": level, **{name: round(value, 6) for name, value in asdict(errors).items()}}
 
 
-def _place(place: Place) -> dict[str, Any]:
+def _place(place: WorstPoint) -> dict[str, Any]:
     return {
         "position": list(place.position),
         "uv": [round(number, 6) for number in place.uv],
@@ -79,15 +78,13 @@ def _place(place: Place) -> dict[str, Any]:
 
 # The report of a bake: what was read, chosen and measured, as one JSON document.
 
-BAKE_SCHEMA = 1
-
 
 def bake_report(
     baked: Baked,
     options: BakeOptions,
     places: dict[str, Path],
     files: list[Path],
-    verified: Verified | None,
+    verified: TextureErrors | None,
     seconds: dict[str, float],
     warnings: tuple[str, ...],
 ) -> dict[str, Any]:
@@ -96,7 +93,7 @@ def bake_report(
     shape = topology(scene.faces)
     values = texture.values[texture.valid]
     return {
-        "schema": BAKE_SCHEMA,
+        "schema": SCHEMAS["bake"],
         "version": __version__,
         "input": {
             "path": str(scene.path),

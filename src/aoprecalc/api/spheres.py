@@ -9,11 +9,17 @@ import numpy as np
 
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.io import Outputs, load_scene, source_files
-from aoprecalc.io.outputs import claim, output_place
-from aoprecalc.io.sphere_files import check_kind, quality_document, read_spheres, sphere_document, write_sphere_set
+from aoprecalc.io.outputs import claim_output, output_path
+from aoprecalc.io.sphere_files import (
+    check_sphere_extension,
+    quality_document,
+    read_spheres,
+    sphere_document,
+    write_sphere_set,
+)
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import Quality, fit, measure
+from aoprecalc.spheres import Quality, fit_sphere_set, measure_quality
 from aoprecalc.types import SphereSet
 
 
@@ -51,17 +57,17 @@ def fit_spheres(
     """
     options, progress = options or SphereOptions(), progress or Progress()
     mesh = Path(mesh)
-    path = output_place(output, f"{mesh.stem}_spheres.json")
-    check_kind(path)
+    path = output_path(output, f"{mesh.stem}_spheres.json")
+    check_sphere_extension(path)
     if options.levels and path.suffix.lower() != ".json":
         raise UsageError(f"{path}: --levels are kept by .json alone; rename the output, or fit each level by itself")
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
-        claim(outputs, output, path)
+        claim_output(outputs, output, path)
         with progress.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        spheres, quality = fit(scene, options, progress)
+        spheres, quality = fit_sphere_set(scene, options, progress)
         write_sphere_set(outputs.path(path), spheres, quality, scene)
     for line in scene.warnings:
         progress.warn(line)
@@ -84,7 +90,7 @@ def measure_spheres(
     with progress.stage("load"):
         scene = load_scene(Path(mesh))
     with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
-        quality = measure(scene, centers, radii, options, progress)
+        quality = measure_quality(scene, centers, radii, options, progress)
     for line in scene.warnings:
         progress.warn(line)
     if not np.isfinite(list(quality.values())).all():

@@ -9,18 +9,26 @@ import numpy as np
 
 from aoprecalc.api.reports import verify_report
 from aoprecalc.errors import InputError
-from aoprecalc.io import OcclusionPicture, Outputs, choose_depth, find_occlusion, load_scene, source_files, write_colors
-from aoprecalc.io.outputs import claim, output_place, write_report
+from aoprecalc.io import (
+    OcclusionTexture,
+    Outputs,
+    choose_bit_depth,
+    find_occlusion,
+    load_scene,
+    source_files,
+    write_colors,
+)
+from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.sampling import sample_surface
-from aoprecalc.metrics.errors import Verified, errors_at_levels, worst_places
-from aoprecalc.metrics.reference import rays_used, reference
+from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
+from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress, Stopwatch
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
-from aoprecalc.render.comparison import heat_map_size, paint
+from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
 
@@ -29,7 +37,7 @@ from aoprecalc.types import Atlas, Float32Array, Scene
 class VerifyResult:
     """What was measured, whether it is within the tolerance, and the report (see the README for its keys)."""
 
-    verified: Verified
+    verified: TextureErrors
     passed: bool
     report: dict[str, Any]
 
@@ -55,16 +63,16 @@ def verify(
     mesh = Path(mesh)
     watch = Stopwatch(progress)
     wanted = {"heat_map": (heat_map, f"{mesh.stem}_heat_map.png"), "report": (report, f"{mesh.stem}_verify.json")}
-    places = {name: output_place(path, default) for name, (path, default) in wanted.items() if path is not None}
+    places = {name: output_path(path, default) for name, (path, default) in wanted.items() if path is not None}
     if "heat_map" in places:
-        choose_depth(places["heat_map"], "8")
+        choose_bit_depth(places["heat_map"], "8")
     with Outputs() as outputs:
         with watch.stage("load"):
             scene = assign_roles(load_scene(mesh), options)
             found = find_occlusion(scene, None if texture is None else Path(texture))
         outputs.protect([*source_files(scene), *([] if found.path is None else [found.path])])
         for name, place in places.items():
-            claim(outputs, wanted[name][0], place)
+            claim_output(outputs, wanted[name][0], place)
         atlas, left_out = _atlas(scene, found)
         normals = shading_normals(scene, options.normals, options.crease_angle)
         with watch.stage("rays", options.points, "points"):
@@ -75,7 +83,7 @@ def verify(
         warnings = (*scene.warnings, *found.warnings, *left_out, *_about_rays(options), *about_sharing(scene))
         document = verify_report(scene, atlas, found, verified, options, places, watch.seconds(), warnings)
         if "report" in places:
-            write_report(outputs.path(places["report"]), document)
+            write_json(outputs.path(places["report"]), document)
     for line in warnings:
         progress.warn(line)
     return VerifyResult(verified, document["passed"], document)
@@ -83,7 +91,7 @@ def verify(
 
 def verify_scene(
     scene: Scene, atlas: Atlas, normals: Float32Array, picture: Float32Array, options: VerifyOptions, progress: Progress
-) -> Verified:
+) -> TextureErrors:
     """Measure a picture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
     scene     with the roles of its parts; see `assign_roles`
@@ -92,20 +100,20 @@ def verify_scene(
     Raises RendererError where rays cannot be cast.
     """
     points = sample_surface(scene, atlas.mapped, options.points, options.seed)
-    truth = reference(scene, normals, points, options, progress)
+    truth = reference_ao(scene, normals, points, options, progress)
     places, at = points.interpolate(atlas.uvs), points.interpolate(scene.corners)
     values = bilinear(picture, places, repeats=atlas.repeats)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))
-    return Verified(
-        levels=errors_at_levels(picture, places, truth, repeats=atlas.repeats),
-        worst=worst_places(at, places, values, truth, diagonal),
-        rays=rays_used(options.rays),
+    return TextureErrors(
+        levels=errors_per_mip_level(picture, places, truth, repeats=atlas.repeats),
+        worst=worst_points(at, places, values, truth, diagonal),
+        rays=stratified_ray_count(options.rays),
         uvs=places,
         errors=values - truth,
     )
 
 
-def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
+def _atlas(scene: Scene, found: OcclusionTexture) -> tuple[Atlas, list[str]]:
     """Return the UVs with the faces that they place in the picture, and what the user should know about the others.
 
     A face whose corners share one UV has no place: it stands for UVs that are missing.
@@ -123,10 +131,10 @@ def _atlas(scene: Scene, found: OcclusionPicture) -> tuple[Atlas, list[str]]:
     return atlas_from_uvs(scene, found.uvs, mapped), said
 
 
-def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionPicture, verified: Verified) -> None:
+def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionTexture, verified: TextureErrors) -> None:
     height, width = found.values.shape
     texels = CPURasterizer(build_layout(scene, atlas, *heat_map_size(width, height))).coverage()
-    write_colors(path, paint(texels, verified.uvs, verified.errors, repeats=atlas.repeats))
+    write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=atlas.repeats))
 
 
 def about_sharing(scene: Scene) -> tuple[str, ...]:
@@ -138,7 +146,7 @@ def about_sharing(scene: Scene) -> tuple[str, ...]:
 
 
 def _about_rays(options: VerifyOptions) -> list[str]:
-    rays = rays_used(options.rays)
+    rays = stratified_ray_count(options.rays)
     if rays == options.rays:
         return []
     return [f"{rays} rays a point were cast, as they stand in a square grid; {options.rays} were asked for"]

@@ -77,7 +77,7 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
     Writes the texture and the mesh that it belongs to.
     """
     from aoprecalc.api.bake import bake
-    from aoprecalc.io.outputs import report_text
+    from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     places = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify")}
@@ -85,7 +85,7 @@ def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
     options = BakeOptions(width=size[0], height=size[1], **given)
     result = bake(mesh, **places, options=options, progress=console)
     if as_json:
-        click.echo(report_text(result.report), nl=False)
+        click.echo(json_text(result.report), nl=False)
         return
     report = result.report
     ao, texels = report["ao"], report["texels"]

@@ -89,33 +89,33 @@ def batch(
     """
     from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.io import Outputs
-    from aoprecalc.io.outputs import claim, report_text, write_report
-    from aoprecalc.pipeline import default_cache, plan, read_order, run
+    from aoprecalc.io.outputs import claim_output, json_text, write_json
+    from aoprecalc.pipeline import default_cache, plan_batch, read_job_spec, run_batch
     from aoprecalc.pipeline.report import junit as junit_text
 
     options = BatchOptions(**given)
     if no_cache and cache is not None:
         raise UsageError("--cache and --no-cache were given; omit one of them")
-    order = None
+    spec = None
     if bake or spheres:
-        order = read_order(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
-    planned = plan(patterns, output, order)
+        spec = read_job_spec(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
+    planned = plan_batch(patterns, output, spec)
     wanted = {"report": (report, ".json"), "junit": (junit, ".xml")}
     places = {name: _place(name, path, suffix) for name, (path, suffix) in wanted.items() if path is not None}
     with Outputs() as outputs:
         outputs.protect(planned.files())
         outputs.folder(planned.output)
         for name, place in places.items():
-            claim(outputs, wanted[name][0], place)
-        with BatchTable(quiet=quiet, verbose=verbose) as watcher:
-            result = run(planned, None if no_cache else cache or default_cache(), options, watcher)
+            claim_output(outputs, wanted[name][0], place)
+        with BatchTable(quiet=quiet, verbose=verbose) as progress:
+            result = run_batch(planned, None if no_cache else cache or default_cache(), options, progress)
         if "report" in places:
-            write_report(outputs.path(places["report"]), result.report)
+            write_json(outputs.path(places["report"]), result.report)
         if "junit" in places:
             outputs.path(places["junit"]).write_text(
                 junit_text(result.results, result.report["seconds"]), encoding="utf-8"
             )
-    click.echo(report_text(result.report) if as_json else "\n".join(table(result)), nl=not as_json)
+    click.echo(json_text(result.report) if as_json else "\n".join(table(result)), nl=not as_json)
     for entry in result.results:
         if entry.failure is not None and entry.status == "failed":
             annotate("error", entry.failure.message, file=entry.asset.mesh)
@@ -139,9 +139,9 @@ def _said(result: "BatchResult", folder: Path) -> str:
 
 def _place(name: str, wanted: str, suffix: str) -> Path:
     """Return the file of a report; raises UsageError for another extension, as it may be a mesh's own file."""
-    from aoprecalc.io.outputs import output_place
+    from aoprecalc.io.outputs import output_path
 
-    place = output_place(wanted, f"batch{suffix}")
+    place = output_path(wanted, f"batch{suffix}")
     if place.suffix.lower() != suffix:
         raise UsageError(f"--{name} is {wanted!r}; expected a file whose name ends in {suffix}, or a folder")
     return place

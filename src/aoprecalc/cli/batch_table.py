@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
-from aoprecalc.pipeline import BatchResult, Result, Watcher
+from aoprecalc.pipeline import AssetResult, BatchProgress, BatchResult
 from aoprecalc.pipeline.jobs import Asset
 
 _NAME = 48  # columns of a name at most
 
 
-class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
+class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
     """Shows the assets under way on a terminal; in a log, prints a line for each that ends. All on stderr."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
@@ -51,7 +51,7 @@ class BatchTable(Watcher, AbstractContextManager["BatchTable"]):
         began = self._running.get(asset.name, ("", time.monotonic()))[1]
         self._running[asset.name] = (name, began)
 
-    def end(self, result: Result) -> None:
+    def end(self, result: AssetResult) -> None:
         """Count a result, and print its line in a log; above a live table only failures have one."""
         self._running.pop(result.asset.name, None)
         self._counts[result.status] = self._counts.get(result.status, 0) + 1
@@ -117,7 +117,7 @@ def _printable(line: str) -> str:
     return "".join(char if char.isprintable() else "?" for char in line)
 
 
-def _said(result: Result) -> str:
+def _said(result: AssetResult) -> str:
     """Return what was made of an asset, or why nothing was."""
     if result.failure is not None:
         return result.failure.message

@@ -10,7 +10,7 @@ from aoprecalc.errors import UsageError
 from aoprecalc.quantities import read_days, say_bytes
 
 if TYPE_CHECKING:
-    from aoprecalc.pipeline.cache import Usage
+    from aoprecalc.pipeline.cache import CacheUsage
 
 _folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
 
@@ -56,12 +56,16 @@ def prune(
     _say(folder, "removed", removed, as_json)
 
 
-def _say(folder: Path, verb: str, usage: "Usage", as_json: bool) -> None:
+def _say(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
     if as_json:
-        from aoprecalc.io.outputs import report_text
+        from aoprecalc.io.outputs import SCHEMAS, json_text
 
-        document = {"schema": 1, "folder": str(folder), verb: {"results": usage.entries, "bytes": usage.bytes}}
-        click.echo(report_text(document), nl=False)
+        document = {
+            "schema": SCHEMAS["cache"],
+            "folder": str(folder),
+            verb: {"results": usage.entries, "bytes": usage.bytes},
+        }
+        click.echo(json_text(document), nl=False)
         return
     results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
     click.echo(f"{folder}  {verb} {results}, {say_bytes(usage.bytes)}")

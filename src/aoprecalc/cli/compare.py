@@ -30,14 +30,14 @@ def compare(a: str, b: str, **given: Any) -> None:
     Both are textures, meshes with their textures, sphere sets (.json .csv .npz), or reports (.json).
     """
     from aoprecalc.api.compare import compare
-    from aoprecalc.io.outputs import report_text
+    from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     places = {name: given.pop(name) for name in ("picture", "report")}
     as_json = given.pop("as_json")
     options = CompareOptions(**given)
     result = compare(a, b, **places, options=options, progress=console)
-    click.echo(report_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
+    click.echo(json_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
     if not result.passed:
         raise AnswerError(
             f"{b}: differs from {a}: {_found(result.report)}; find out why, or keep it in place of {a} if it is right"

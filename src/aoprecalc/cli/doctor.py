@@ -15,11 +15,11 @@ from aoprecalc.errors import AoprecalcError, RendererError
 def doctor(*, quiet: bool, verbose: bool, as_json: bool) -> None:
     """Say what this machine can bake with, bake a small scene to see whether it does, and say what to install."""
     from aoprecalc.api.doctor import doctor
-    from aoprecalc.io.outputs import report_text
+    from aoprecalc.io.outputs import json_text
 
     result = doctor(progress=Console(quiet=quiet, verbose=verbose))
     report = result.report
-    click.echo(report_text(report) if as_json else "\n".join(_table(report)), nl=not as_json)
+    click.echo(json_text(report) if as_json else "\n".join(_table(report)), nl=not as_json)
     if report["auto"] is None:
         # Without any renderer OpenGL and rays are the first two things to install.
         names = ", ".join(entry["name"] for entry in report["renderers"])

@@ -38,14 +38,14 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     The texture is looked up as a renderer would, at full resolution and in its mip levels.
     """
     from aoprecalc.api.verify import verify
-    from aoprecalc.io.outputs import report_text
+    from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     places = {name: given.pop(name) for name in ("heat_map", "report")}
     as_json = given.pop("as_json")
     options = VerifyOptions(**given)
     result = verify(mesh, texture, **places, options=options, progress=console)
-    click.echo(report_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
+    click.echo(json_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
     if not result.passed:
         raise AnswerError(
             f"{result.report['texture']['path']}: its RMS error is {result.verified.levels[0].rmse:.5f}, "

@@ -1,20 +1,33 @@
 """Meshes, images and sphere sets on disk."""
 
 from aoprecalc.io.formats.builder import scene_from_arrays
-from aoprecalc.io.images import choose_depth, read_image, write_colors, write_image
-from aoprecalc.io.meshes import check_mesh_suffix, input_files, load_scene, mesh_suffix, source_files, write_baked_mesh
-from aoprecalc.io.occlusion import OcclusionPicture, find_occlusion
+from aoprecalc.io.images import IMAGE_EXTENSIONS, choose_bit_depth, read_image, write_colors, write_image
+from aoprecalc.io.meshes import (
+    MESH_EXTENSIONS,
+    OUTPUT_MESH_EXTENSIONS,
+    OcclusionTexture,
+    check_mesh_extension,
+    find_occlusion,
+    input_files,
+    load_scene,
+    output_mesh_extension,
+    source_files,
+    write_baked_mesh,
+)
 from aoprecalc.io.outputs import Outputs
 
 __all__ = [
-    "OcclusionPicture",
+    "IMAGE_EXTENSIONS",
+    "MESH_EXTENSIONS",
+    "OUTPUT_MESH_EXTENSIONS",
+    "OcclusionTexture",
     "Outputs",
-    "check_mesh_suffix",
-    "choose_depth",
+    "check_mesh_extension",
+    "choose_bit_depth",
     "find_occlusion",
     "input_files",
     "load_scene",
-    "mesh_suffix",
+    "output_mesh_extension",
     "read_image",
     "scene_from_arrays",
     "source_files",

@@ -20,7 +20,7 @@ from aoprecalc.types import Float32Array
 Depth = Literal["8", "16", "half", "float"]
 
 # What each kind of file can hold; the first is what `auto` means.
-DEPTHS: dict[str, tuple[Depth, ...]] = {
+BIT_DEPTHS: dict[str, tuple[Depth, ...]] = {
     ".png": ("8", "16"),
     ".exr": ("half", "float"),
     ".tif": ("8", "16", "half", "float"),
@@ -31,6 +31,8 @@ DEPTHS: dict[str, tuple[Depth, ...]] = {
     ".bmp": ("8",),
 }
 
+IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
+
 # These note when they were written unless told a date; the same picture must give the same bytes.
 DATED = (".exr", ".tif", ".tiff")
 NO_DATE = "1970:01:01 00:00:00"
@@ -38,21 +40,21 @@ NO_DATE = "1970:01:01 00:00:00"
 _TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
 
-def choose_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
+def choose_bit_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
     """Return the depth in which a picture of that name is written.
 
     Raises UsageError for an extension that is not known, and for a depth that it cannot hold.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in DEPTHS:
+    if suffix not in BIT_DEPTHS:
         raise UsageError(
-            f"{path}: the extension {suffix or '(none)'} is no picture's, one of {', '.join(DEPTHS)} was expected"
+            f"{path}: the extension {suffix or '(none)'} is no picture's, one of {', '.join(BIT_DEPTHS)} was expected"
         )
     if bit_depth == "auto":
-        return DEPTHS[suffix][0]
-    if bit_depth not in DEPTHS[suffix]:
+        return BIT_DEPTHS[suffix][0]
+    if bit_depth not in BIT_DEPTHS[suffix]:
         raise UsageError(
-            f"{path}: {suffix} holds no values of depth {bit_depth}, it takes {', '.join(DEPTHS[suffix])}; "
+            f"{path}: {suffix} holds no values of depth {bit_depth}, it takes {', '.join(BIT_DEPTHS[suffix])}; "
             "choose another extension or depth"
         )
     return bit_depth
@@ -63,9 +65,9 @@ def write_image(path: str | PathLike[str], values: Float32Array, bit_depth: BitD
 
     values   (height, width) or (height, width, channels) float32; row 0 is the upper one
 
-    Raises UsageError as `choose_depth` does, and OutputError where it cannot be written.
+    Raises UsageError as `choose_bit_depth` does, and OutputError where it cannot be written.
     """
-    depth = choose_depth(path, bit_depth)
+    depth = choose_bit_depth(path, bit_depth)
     _write(path, np.atleast_3d(quantize(values, depth)), depth, space="data")  # else PNG is tagged sRGB
 
 
@@ -82,7 +84,7 @@ def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:
 
     Raises UsageError for a kind of file that holds no 8 bits, and OutputError where it cannot be written.
     """
-    _write(path, colors, choose_depth(path, "8"), space="sRGB")
+    _write(path, colors, choose_bit_depth(path, "8"), space="sRGB")
 
 
 def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str) -> None:

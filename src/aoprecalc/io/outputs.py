@@ -146,7 +146,7 @@ def _real(path: str | os.PathLike[str]) -> Path:
 # Where outputs go: the paths that options name, made definite.
 
 
-def output_place(wanted: str | PathLike[str] | None, default: str | Path) -> Path:
+def output_path(wanted: str | PathLike[str] | None, default: str | Path) -> Path:
     """Return the file that an output option means.
 
     wanted    a file; a folder (existing, or ending in a slash), which takes the default's name; or None: the default
@@ -158,7 +158,7 @@ def output_place(wanted: str | PathLike[str] | None, default: str | Path) -> Pat
     return path / Path(default).name if path.is_dir() or _says_folder(wanted) else path
 
 
-def claim(outputs: Outputs, wanted: str | PathLike[str] | None, place: Path) -> None:
+def claim_output(outputs: Outputs, wanted: str | PathLike[str] | None, place: Path) -> None:
     """Make sure, before long work, that the output `place`, which `wanted` means, can be written.
 
     Makes its folder where it is missing and `wanted` ends in a slash. Raises what Outputs.claim does.
@@ -185,23 +185,35 @@ def relative_uri(target: Path, file: Path) -> str:
     return quote(relative_path(target, file))
 
 
-# Reports, and other documents, as JSON files.
+# JSON documents: reports, sphere sets, records.
+
+# The schema version of each kind of document, its "schema".
+SCHEMAS = {
+    "bake": 1,
+    "batch": 1,
+    "batch record": 2,
+    "cache": 1,
+    "compare": 1,
+    "doctor": 1,
+    "spheres": 1,
+    "verify": 1,
+}
 
 
-def report_text(report: dict[str, Any]) -> str:
+def json_text(report: dict[str, Any]) -> str:
     """Lay a report out as JSON that people can read too."""
     return json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def write_report(path: Path, report: dict[str, Any]) -> None:
+def write_json(path: Path, report: dict[str, Any]) -> None:
     """Write a report; raises OutputError where the file cannot be written."""
     try:
-        path.write_text(report_text(report), encoding="utf-8")
+        path.write_text(json_text(report), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
 
 
-def read_document(path: Path) -> dict[str, Any]:
+def read_json_object(path: Path) -> dict[str, Any]:
     """Read a JSON object whose numbers are finite.
 
     Raises InputError where the file is missing or holds something else.

@@ -12,7 +12,7 @@ Answer = Literal["equal", "near", "different"]
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class PicturePair:
     """Two pictures to be looked at, of one channel each.
 
     first, second   (h, w) float32, row 0 on top; they may have different sizes
@@ -40,7 +40,7 @@ class Difference:
     equal: bool = False
     reason: str = ""
     details: dict[str, Any] = field(default_factory=dict)
-    pair: Pair | None = None
+    pair: PicturePair | None = None
     warnings: tuple[str, ...] = ()
 
     def answer(self, tolerance: float) -> Answer:
@@ -50,23 +50,23 @@ class Difference:
         return "near" if self.value is not None and self.value <= tolerance else "different"
 
 
-def unlike(reason: str, pair: Pair | None = None, **details: Any) -> Difference:
+def incomparable(reason: str, pair: PicturePair | None = None, **details: Any) -> Difference:
     """Return the difference of what cannot be laid on one another, for a reason in words."""
     return Difference(None, reason=reason, details=details, pair=pair)
 
 
-def figure(value: float | np.floating[Any]) -> float:
+def rounded(value: float | np.floating[Any]) -> float:
     """Return a measured number as documents show it, with six digits."""
     return float(f"{value:.6g}")
 
 
-def shrunk(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
+def scaled_to_unit(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two arrays of finite numbers, divided by a power of two so that none is beyond 1: squares are finite."""
     exponent = np.frexp(max(np.abs(first).max(), np.abs(second).max()))[1]
     return np.ldexp(first, -exponent), np.ldexp(second, -exponent)
 
 
-def diagonal(points: Float64Array) -> float:
+def bounding_diagonal(points: Float64Array) -> float:
     """Return the diagonal of the box around points, (..., 3), none of them beyond 1; 1 where they are all the same."""
     return float(np.linalg.norm(np.ptp(points.reshape(-1, 3), axis=0))) or 1.0
 
@@ -85,7 +85,7 @@ def picture_difference(first: Float32Array, second: Float32Array) -> Difference:
     """
     if first.shape[:2] != second.shape[:2]:
         sizes = " and ".join(f"{picture.shape[1]} x {picture.shape[0]}" for picture in (first, second))
-        return unlike(f"they have {sizes} pixels", Pair(first[:, :, 0], second[:, :, 0], None))
+        return incomparable(f"they have {sizes} pixels", PicturePair(first[:, :, 0], second[:, :, 0], None))
     said = []
     if first.shape[2] != second.shape[2]:
         said = [f"the pictures have {first.shape[2]} and {second.shape[2]} channels; the first of each are compared"]
@@ -100,13 +100,13 @@ def picture_difference(first: Float32Array, second: Float32Array) -> Difference:
         "width": first.shape[1],
         "height": first.shape[0],
         "channel": channel,
-        "rms": figure(rms),
-        "bias": figure(apart.mean()),
-        "max": figure(np.abs(apart).max()),
-        "share": figure(np.mean(np.abs(apart) > _NOTICED + _ROUNDING)),
-        "flip": figure(np.mean(seen, dtype=np.float64)),
+        "rms": rounded(rms),
+        "bias": rounded(apart.mean()),
+        "max": rounded(np.abs(apart).max()),
+        "share": rounded(np.mean(np.abs(apart) > _NOTICED + _ROUNDING)),
+        "flip": rounded(np.mean(seen, dtype=np.float64)),
     }
-    return Difference(rms, equal=rms == 0, details=details, pair=Pair(one, other, seen), warnings=tuple(said))
+    return Difference(rms, equal=rms == 0, details=details, pair=PicturePair(one, other, seen), warnings=tuple(said))
 
 
 def _mean_square(first: Float32Array, second: Float32Array) -> float:
@@ -117,7 +117,7 @@ def _mean_square(first: Float32Array, second: Float32Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ComparedMesh:
     """What is compared of a mesh.
 
     corners       (f, 3, 3) float64, finite, f >= 1: the positions of each face's corners
@@ -134,7 +134,7 @@ class Surface:
     picture_uvs: Float64Array | None = None
 
 
-def mesh_difference(first: Surface, second: Surface) -> Difference:
+def mesh_difference(first: ComparedMesh, second: ComparedMesh) -> Difference:
     """Compare meshes corner by corner, in the order in which their files have them, and their pictures.
 
     The value is the greatest of: how far a position has moved, over the diagonal of the box around both meshes; how far
@@ -146,9 +146,9 @@ def mesh_difference(first: Surface, second: Surface) -> Difference:
     pair = None if pictures is None else pictures.pair
     reason = _unlike(first, second) or ("" if pictures is None else pictures.reason)
     if reason:
-        return unlike(reason, pair)
-    corners = shrunk(first.corners, second.corners)
-    moved = _farthest(*corners) / diagonal(np.stack(corners))
+        return incomparable(reason, pair)
+    corners = scaled_to_unit(first.corners, second.corners)
+    moved = _farthest(*corners) / bounding_diagonal(np.stack(corners))
     uvs = [_farthest(*sets) for sets in zip(first.uv_sets, second.uv_sets, strict=True)]
     if first.picture_uvs is not None and second.picture_uvs is not None:
         uvs.append(_farthest(first.picture_uvs, second.picture_uvs))
@@ -158,15 +158,15 @@ def mesh_difference(first: Surface, second: Surface) -> Difference:
     value = max(moved, *uvs, normals or 0.0, 0.0 if pictures is None else pictures.value or 0.0)
     details = {
         "triangles": len(first.corners),
-        "position": figure(moved),
-        "uv": figure(max(uvs)) if uvs else None,
-        "normal": None if normals is None else figure(normals),
+        "position": rounded(moved),
+        "uv": rounded(max(uvs)) if uvs else None,
+        "normal": None if normals is None else rounded(normals),
         "texture": None if pictures is None else pictures.details,
     }
     return Difference(value, equal=value == 0, details=details, pair=pair)
 
 
-def _unlike(first: Surface, second: Surface) -> str:
+def _unlike(first: ComparedMesh, second: ComparedMesh) -> str:
     """Say why the meshes cannot be laid on one another; nothing where they can."""
     if len(first.corners) != len(second.corners):
         return f"they have {len(first.corners)} and {len(second.corners)} triangles"

@@ -12,7 +12,7 @@ _APART = 0.01  # of the bounding diagonal: as near as two of the worst places ma
 
 
 @dataclass(frozen=True)
-class Errors:
+class ErrorStatistics:
     """Of texture minus reference, both ambient occlusion in [0, 1].
 
     rmse            root of the mean square
@@ -30,7 +30,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Place:
+class WorstPoint:
     """One point and its error: position in the mesh's units, UV (v upwards), values in [0, 1]."""
 
     position: tuple[float, float, float]
@@ -44,17 +44,17 @@ class Place:
         return self.value - self.reference
 
 
-def summarise(differences: Float64Array) -> Errors:
+def error_statistics(differences: Float64Array) -> ErrorStatistics:
     """Describe (k,) errors, k >= 1."""
     sizes = np.abs(differences)
     p50, p95, p99 = np.percentile(sizes, [50, 95, 99])
     rmse = np.sqrt(np.mean(differences**2))
-    return Errors(*map(float, (rmse, differences.mean(), p50, p95, p99, sizes.max())))
+    return ErrorStatistics(*map(float, (rmse, differences.mean(), p50, p95, p99, sizes.max())))
 
 
-def errors_at_levels(
+def errors_per_mip_level(
     picture: Float32Array, uvs: Float64Array, reference: Float64Array, *, repeats: bool, levels: int = MIP_LEVELS
-) -> tuple[Errors, ...]:
+) -> tuple[ErrorStatistics, ...]:
     """Describe the errors of each level of a picture's mip chain, as far as there are so many.
 
     picture     (h, w), row 0 at v = 1
@@ -62,17 +62,17 @@ def errors_at_levels(
     reference   (k,) what a look-up should find there
     """
     chain = mip_chain(picture, levels)
-    return tuple(summarise(bilinear(level, uvs, repeats=repeats) - reference) for level in chain)
+    return tuple(error_statistics(bilinear(level, uvs, repeats=repeats) - reference) for level in chain)
 
 
-def worst_places(
+def worst_points(
     positions: Float64Array,
     uvs: Float64Array,
     values: Float64Array,
     reference: Float64Array,
     diagonal: float,
     count: int = 10,
-) -> tuple[Place, ...]:
+) -> tuple[WorstPoint, ...]:
     """Return the points of greatest error, the worst first, no two nearer than a hundredth of the bounding diagonal.
 
     Points without error are left out, so there may be fewer than `count`.
@@ -82,18 +82,18 @@ def worst_places(
     values      (k,) of the texture, as `reference` of the truth
     """
     left = np.abs(values - reference)
-    places: list[Place] = []
+    places: list[WorstPoint] = []
     while len(places) < count and left.max() > 0:
         at = int(left.argmax())
         x, y, z = positions[at].tolist()
         u, v = uvs[at].tolist()
-        places.append(Place((x, y, z), (u, v), float(values[at]), float(reference[at])))
+        places.append(WorstPoint((x, y, z), (u, v), float(values[at]), float(reference[at])))
         left[np.linalg.norm(positions - positions[at], axis=1) <= _APART * diagonal] = 0
     return tuple(places)
 
 
 @dataclass(frozen=True, eq=False)
-class Verified:
+class TextureErrors:
     """How far a texture is from ray tracing, at points spread uniformly over a surface.
 
     levels   the errors of each level of the texture's mip chain, full resolution first
@@ -103,8 +103,8 @@ class Verified:
     errors   (k,) float64 there, at full resolution
     """
 
-    levels: tuple[Errors, ...]
-    worst: tuple[Place, ...]
+    levels: tuple[ErrorStatistics, ...]
+    worst: tuple[WorstPoint, ...]
     rays: int
     uvs: Float64Array
     errors: Float64Array

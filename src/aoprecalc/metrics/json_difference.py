@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from aoprecalc.metrics.difference import Difference, figure
+from aoprecalc.metrics.difference import Difference, rounded
 
 # What is another on another machine, or at another time, and says nothing about the result.
 IGNORED = frozenset({"seconds", "version", "renderer", "path", "outputs"})
@@ -27,7 +27,7 @@ def document_difference(first: Any, second: Any) -> Difference:
             value = max(value, apart or 0.0)
             places.append({"at": at, "a": _shown(one), "b": _shown(other)})
             others += [at] if apart is None else []
-    details = {"numbers": numbers, "differing": len(places), "value": figure(value), "places": places[:_SHOWN]}
+    details = {"numbers": numbers, "differing": len(places), "value": rounded(value), "places": places[:_SHOWN]}
     if others:
         found = "1 place differs" if len(others) == 1 else f"{len(others)} places differ"
         return Difference(None, reason=f"{found} in more than a number, the first at {others[0]}", details=details)

@@ -15,12 +15,12 @@ from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster
 _BLOCK = 1 << 20  # rays cast at a time: some 60 MB
 
 
-def rays_used(rays: int) -> int:
+def stratified_ray_count(rays: int) -> int:
     """Return how many rays stand for `rays`: the next square number, as they are stratified in a square grid."""
     return (math.isqrt(rays - 1) + 1) ** 2
 
 
-def reference(
+def reference_ao(
     scene: Scene, shading: Float32Array, points: SurfacePoints, options: VerifyOptions, progress: Progress
 ) -> Float64Array:
     """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
@@ -52,7 +52,7 @@ def _one_side(
     options: VerifyOptions,
     progress: Progress,
 ) -> Float64Array:
-    rays = rays_used(options.rays)
+    rays = stratified_ray_count(options.rays)
     rng = np.random.default_rng(options.seed)
     values = np.empty(len(places))
     step = max(1, _BLOCK // rays)

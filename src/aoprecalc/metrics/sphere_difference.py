@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 from scipy.spatial import cKDTree
 
-from aoprecalc.metrics.difference import Difference, diagonal, figure, shrunk, unlike
+from aoprecalc.metrics.difference import Difference, bounding_diagonal, incomparable, rounded, scaled_to_unit
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 Spheres = tuple[Float64Array, Float64Array]
@@ -28,11 +28,11 @@ def spheres_difference(first: Sequence[Spheres], second: Sequence[Spheres]) -> D
     counts = [[len(radii) for _, radii in levels] for levels in (first, second)]
     if counts[0] != counts[1]:
         one, other = (", ".join(map(str, count)) for count in counts)
-        return unlike(f"they have {one} and {other} spheres", spheres=counts)
+        return incomparable(f"they have {one} and {other} spheres", spheres=counts)
     levels = [_level(one, other) for one, other in zip(first, second, strict=True)]
     value, center, radius, _ = max(levels)
     said = ("too many spheres could belong together; they are compared in their files' order",)
-    details = {"spheres": counts[0], "center": figure(center), "radius": figure(radius)}
+    details = {"spheres": counts[0], "center": rounded(center), "radius": rounded(radius)}
     return Difference(
         value, equal=value == 0, details=details, warnings=said if any(level[3] for level in levels) else ()
     )
@@ -44,11 +44,11 @@ def _level(first: Spheres, second: Spheres) -> tuple[float, float, float, bool]:
     Returns the greatest distance in a pair and the greatest of its two parts, each over the diagonal, and whether the
     pairs are those of the files' order because there are too many others.
     """
-    one, other = shrunk(np.column_stack(first), np.column_stack(second))
+    one, other = scaled_to_unit(np.column_stack(first), np.column_stack(second))
     if np.array_equal(one, other):
         return 0.0, 0.0, 0.0, False
     box = [spheres[:, :3] + sign * spheres[:, 3:] for spheres in (one, other) for sign in (-1, 1)]
-    size = diagonal(np.concatenate(box))
+    size = bounding_diagonal(np.concatenate(box))
     partners, ordered = _pairs(one, other)
     centers, radii = _parts(one, other[partners])
     return float((centers + radii).max() / size), float(centers.max() / size), float(radii.max() / size), ordered

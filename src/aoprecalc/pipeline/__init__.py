@@ -1,9 +1,20 @@
 """Many assets: each made once, only when it must be, in processes here or on a cluster."""
 
 from aoprecalc.pipeline.cache import Cache, default_cache
-from aoprecalc.pipeline.option_tables import read_order
-from aoprecalc.pipeline.plan import Plan, plan
-from aoprecalc.pipeline.report import Result, Watcher
-from aoprecalc.pipeline.run import BatchResult, batch, run
+from aoprecalc.pipeline.option_tables import read_job_spec
+from aoprecalc.pipeline.plan import Plan, plan_batch
+from aoprecalc.pipeline.report import AssetResult, BatchProgress
+from aoprecalc.pipeline.run import BatchResult, batch, run_batch
 
-__all__ = ["BatchResult", "Cache", "Plan", "Result", "Watcher", "batch", "default_cache", "plan", "read_order", "run"]
+__all__ = [
+    "AssetResult",
+    "BatchProgress",
+    "BatchResult",
+    "Cache",
+    "Plan",
+    "batch",
+    "default_cache",
+    "plan_batch",
+    "read_job_spec",
+    "run_batch",
+]

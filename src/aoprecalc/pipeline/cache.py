@@ -33,7 +33,7 @@ _TAG = "Signature: 8a477f597d28d172789f06886806bc55\n# Results of aoprecalc, whi
 
 
 @dataclass(frozen=True)
-class Usage:
+class CacheUsage:
     """What a cache holds, or what was removed from it: entries and bytes."""
 
     entries: int
@@ -108,12 +108,12 @@ class Cache:
             ) from error
         return True
 
-    def usage(self) -> Usage:
+    def usage(self) -> CacheUsage:
         """Count what it holds."""
         sizes = [size for _, _, size in self._entries()]
-        return Usage(len(sizes), sum(sizes))
+        return CacheUsage(len(sizes), sum(sizes))
 
-    def prune(self, most: int | None = None, age: float | None = None) -> Usage:
+    def prune(self, most: int | None = None, age: float | None = None) -> CacheUsage:
         """Remove what was last used more than `age` seconds ago, then the longest unused beyond `most` bytes.
 
         Returns what was removed.
@@ -127,7 +127,7 @@ class Cache:
                 removed += [size] if self._remove(entry) else []
             else:
                 kept += size
-        return Usage(len(removed), sum(removed))
+        return CacheUsage(len(removed), sum(removed))
 
     def tidy(self, most: int) -> None:
         """Prune to `most` bytes, unless some batch has done so lately."""

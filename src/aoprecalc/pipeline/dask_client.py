@@ -21,10 +21,18 @@ from aoprecalc import __version__
 from aoprecalc.errors import AoprecalcError, UsageError
 from aoprecalc.io import input_files
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.dask_worker import Place, Terms, end, look_around, look_elsewhere, work_in_folder, work_on_bytes
+from aoprecalc.pipeline.dask_worker import (
+    BatchSettings,
+    WorkerInfo,
+    end,
+    evaluate_remotely,
+    run_in_shared_folder,
+    run_on_bytes,
+    worker_info,
+)
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
 from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
-from aoprecalc.pipeline.workers import Event
+from aoprecalc.pipeline.workers import JobEvent
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
 from aoprecalc.types import Float32Array
@@ -62,27 +70,27 @@ def open_client(address: str) -> Iterator[Any]:
 
 
 @contextmanager
-def open_cluster(options: BatchOptions) -> Iterator["ClusterCrew"]:
+def open_dask_pool(options: BatchOptions) -> Iterator["DaskPool"]:
     """Open the crew of `options.scheduler`; raises what `open_client` does."""
     assert options.scheduler is not None
     with open_client(options.scheduler) as client:
-        crew = ClusterCrew(client, options)
+        crew = DaskPool(client, options)
         try:
             yield crew
         finally:
             crew.leave()
 
 
-class ClusterCrew:
+class DaskPool:
     """Workers of a cluster, each of whose threads has a process for the jobs that it gets."""
 
     def __init__(self, client: Any, options: BatchOptions) -> None:
         """Have the workers that a client knows, and those that come."""
         self._client, self._options = client, options
         self._batch = secrets.token_hex(8)
-        self.threads = threads_of_a_job(client)
+        self.threads = threads_per_job(client)
 
-    def run(self, jobs: Sequence[Job]) -> Generator[Event]:
+    def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
         """See Crew; the stages of jobs are not told."""
         send = self._sender(jobs)
         left = iter(jobs)
@@ -99,11 +107,11 @@ class ClusterCrew:
                     future = self._next(done)
                 except Exception as error:  # whatever a client raises whose scheduler is gone
                     for job in waiting.values():
-                        yield Event(job, outcome=_lost(job, str(error)))
+                        yield JobEvent(job, outcome=_lost(job, str(error)))
                     return
                 job = under_way.pop(future)
                 del waiting[job.name]
-                yield Event(job, outcome=_outcome(job, future))
+                yield JobEvent(job, outcome=_outcome(job, future))
         finally:
             with suppress(Exception):
                 self._client.cancel(list(under_way))
@@ -136,14 +144,14 @@ class ClusterCrew:
             )
         in_folder = ship == "folder" or (ship == "auto" and all(place.sees for place in places))
         on_gpus = any(place.gpus for place in places)
-        terms = Terms(self._batch, __version__, self._options.timeout, self._options.retries)
+        terms = BatchSettings(self._batch, __version__, self._options.timeout, self._options.retries)
 
         def send(job: Job) -> Any:
-            resources = {"GPU": 1} if on_gpus and job.order.bake is not None else None
+            resources = {"GPU": 1} if on_gpus and job.spec.bake is not None else None
             how: dict[str, Any] = {"pure": False, "retries": self._options.retries, "resources": resources}
             if in_folder:
-                return self._client.submit(work_in_folder, job, terms, **how)
-            return self._client.submit(work_on_bytes, job, _inputs(job), terms, **how)
+                return self._client.submit(run_in_shared_folder, job, terms, **how)
+            return self._client.submit(run_on_bytes, job, _inputs(job), terms, **how)
 
         return send
 
@@ -152,7 +160,7 @@ class ClusterCrew:
         return sum(self._client.nthreads().values())
 
 
-def threads_of_a_job(client: Any) -> int:
+def threads_per_job(client: Any) -> int:
     """Return how many threads each job may use for all jobs of a machine to have a core."""
     nthreads = client.nthreads()
     jobs: Counter[str] = Counter()
@@ -163,10 +171,10 @@ def threads_of_a_job(client: Any) -> int:
     return max(1, min((cores[host] // jobs[host] for host in cores), default=1))
 
 
-def _look(client: Any, folder: str) -> dict[str, Place]:
+def _look(client: Any, folder: str) -> dict[str, WorkerInfo]:
     """Look at each worker; raises AoprecalcError where one cannot work for this batch."""
     try:
-        places: dict[str, Place] = client.run(look_around, folder)
+        places: dict[str, WorkerInfo] = client.run(worker_info, folder)
     except Exception as error:  # whatever hinders a worker to load the package
         reason = " ".join(str(error).split())[:160]
         raise AoprecalcError(
@@ -218,16 +226,16 @@ def _outcome(job: Job, future: Any) -> Outcome:
 # A sight that is spread over the workers of a cluster: each looks along some groups of axes.
 
 
-class ClusterVisibility(AbstractContextManager["ClusterVisibility"]):
+class DaskVisibility(AbstractContextManager["DaskVisibility"]):
     """Opens sights that are spread over a cluster, for the length of a `with` block."""
 
     def __init__(self, scheduler: str, shown: str) -> None:
         """Connect to a scheduler; `shown` is what messages call the work. Raises what `open_client` does."""
         with ExitStack() as stack:
             self._client = stack.enter_context(open_client(scheduler))
-            self._threads = threads_of_a_job(self._client)
+            self._threads = threads_per_job(self._client)
             self._stack = stack.pop_all()
-        self._shown, self._terms = shown, Terms(secrets.token_hex(8), __version__)
+        self._shown, self._terms = shown, BatchSettings(secrets.token_hex(8), __version__)
         self._sights: list[DistributedVisibility] = []
 
     def __exit__(
@@ -252,7 +260,7 @@ class ClusterVisibility(AbstractContextManager["ClusterVisibility"]):
             for run in held:
                 glance = VisibilityTask(self._shown, name, b"", number, group, run.start, run.stop, most, shadow_size)
                 futures[group, run.start] = self._client.submit(
-                    look_elsewhere, glance, sent, self._terms, pure=False, priority=-len(futures)
+                    evaluate_remotely, glance, sent, self._terms, pure=False, priority=-len(futures)
                 )
         self._sights.append(DistributedVisibility(site, futures, progress))
         return self._sights[-1]

@@ -12,15 +12,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-import aoprecalc
+from aoprecalc import __version__
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome
 from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
-from aoprecalc.pipeline.workers import Child
+from aoprecalc.pipeline.workers import WorkerProcess
 from aoprecalc.system import whole_cores
 
 
 @dataclass(frozen=True)
-class Place:
+class WorkerInfo:
     """A worker as a batch needs to know it.
 
     version   of its aoprecalc
@@ -38,7 +38,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Terms:
+class BatchSettings:
     """On which a batch has its work done.
 
     batch     its name, which no other has
@@ -54,23 +54,23 @@ class Terms:
 
 
 @dataclass(eq=False)
-class _Party:
+class _BatchProcesses:
     """The processes of one batch in this one, one for each thread."""
 
     stop: threading.Event = field(default_factory=threading.Event)
-    children: dict[int, Child] = field(default_factory=dict)
+    children: dict[int, WorkerProcess] = field(default_factory=dict)
 
 
 _IDLE = 60  # seconds after which a process goes that nothing was asked of: its batch may have died without a word
 
-_parties: dict[str, _Party] = {}
+_batches: dict[str, _BatchProcesses] = {}
 
 
-def look_around(folder: str, dask_worker: Any = None) -> Place:
+def worker_info(folder: str, dask_worker: Any = None) -> WorkerInfo:
     """Return what a worker, which the cluster hands over, is like; `folder` is to be seen from it."""
     resources = dask_worker.state.total_resources
-    return Place(
-        version=aoprecalc.__version__,
+    return WorkerInfo(
+        version=__version__,
         host=socket.gethostname(),
         cores=whole_cores(),
         gpus=resources.get("GPU", 0),
@@ -78,14 +78,14 @@ def look_around(folder: str, dask_worker: Any = None) -> Place:
     )
 
 
-def work_in_folder(job: Job, terms: Terms) -> Outcome:
+def run_in_shared_folder(job: Job, terms: BatchSettings) -> Outcome:
     """Do a job on files that this machine sees under the same paths."""
     if not job.staging.parent.is_dir():
         return Failure("error", f"{job.shown}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
     return cast(Outcome, _ask(job, terms))
 
 
-def work_on_bytes(job: Job, inputs: dict[str, bytes], terms: Terms) -> tuple[Outcome, dict[str, bytes]]:
+def run_on_bytes(job: Job, inputs: dict[str, bytes], terms: BatchSettings) -> tuple[Outcome, dict[str, bytes]]:
     """Do a job on files that came with it; return what it made, name -> bytes, as well.
 
     inputs   path -> bytes; all paths are as on the machine of the batch, and lie here below a folder for the time
@@ -98,34 +98,34 @@ def work_on_bytes(job: Job, inputs: dict[str, bytes], terms: Terms) -> tuple[Out
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
         there.staging.parent.mkdir(parents=True, exist_ok=True)
-        outcome = work_in_folder(there, terms)
+        outcome = run_in_shared_folder(there, terms)
         if isinstance(outcome, Failure):
             return outcome, {}
         return outcome, {name: file.read_bytes() for name, file in outcome.files.items()}
 
 
-def look_elsewhere(glance: VisibilityTask, subject: bytes, terms: Terms) -> VisibilitySums | Failure:
+def evaluate_remotely(glance: VisibilityTask, subject: bytes, terms: BatchSettings) -> VisibilitySums | Failure:
     """Look where a glance says, at a subject that is sent by itself, once for all glances."""
     return cast(VisibilitySums | Failure, _ask(replace(glance, subject=subject), terms))
 
 
 def end(batch: str) -> None:
     """End the processes of a batch, for good."""
-    party = _parties.setdefault(batch, _Party())
+    party = _batches.setdefault(batch, _BatchProcesses())
     party.stop.set()
     for child in list(party.children.values()):
         child.close_if_idle()
 
 
-def _ask(request: Job | VisibilityTask, terms: Terms) -> Any:
+def _ask(request: Job | VisibilityTask, terms: BatchSettings) -> Any:
     """Have this thread's process of a batch do what is asked."""
-    party = _parties.setdefault(terms.batch, _Party())
-    if terms.version != aoprecalc.__version__:
-        here = f"{socket.gethostname()} has aoprecalc {aoprecalc.__version__}"
+    party = _batches.setdefault(terms.batch, _BatchProcesses())
+    if terms.version != __version__:
+        here = f"{socket.gethostname()} has aoprecalc {__version__}"
         return Failure("error", f"{request.shown}: {here}, {terms.version} was expected; install the same everywhere")
     if party.stop.is_set():
         return Failure("stopped", f"{request.shown}: was stopped")
-    child = party.children.setdefault(threading.get_ident(), Child())
+    child = party.children.setdefault(threading.get_ident(), WorkerProcess())
     try:
         return child.run(request, lambda stage: None, timeout=terms.timeout, retries=terms.retries, stop=party.stop)
     finally:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from aoprecalc.errors import InputError, UsageError
-from aoprecalc.io.meshes import READERS
+from aoprecalc.io import MESH_EXTENSIONS
 
 
 def is_pattern(text: str, root: str | Path = "") -> bool:
@@ -32,8 +32,9 @@ def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str
         else:
             fitting = [Path(path)] if _is_mesh(path) else []  # a missing mesh fails by itself
         if not fitting:
-            kinds = ", ".join(f".{kind}" for kind in READERS)
-            raise InputError(f"{path}: fits no mesh, one of {kinds} was expected; check the pattern")
+            raise InputError(
+                f"{path}: fits no mesh, one of {', '.join(MESH_EXTENSIONS)} was expected; check the pattern"
+            )
         for mesh in fitting:
             if not made(mesh):
                 found.setdefault(os.path.abspath(mesh), mesh)
@@ -104,7 +105,7 @@ def _meshes(folder: Path, pattern: str) -> list[Path]:
 
 
 def _is_mesh(path: str) -> bool:
-    return path.lower().endswith(tuple(f".{kind}" for kind in READERS))
+    return path.lower().endswith(MESH_EXTENSIONS)
 
 
 def _inside(way: Path) -> str:

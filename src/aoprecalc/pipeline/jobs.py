@@ -12,14 +12,14 @@ from aoprecalc.api.bake import bake
 from aoprecalc.api.spheres import fit_spheres
 from aoprecalc.errors import AoprecalcError, KilledError
 from aoprecalc.io import Outputs
-from aoprecalc.io.outputs import write_report
+from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 
 
 @dataclass(frozen=True)
-class Order:
+class JobSpec:
     """What is made of one asset: a texture, spheres, or both.
 
     bake      how the texture is baked; None: no texture
@@ -32,12 +32,12 @@ class Order:
 
     bake: BakeOptions | None = None
     spheres: SphereOptions | None = None
-    texture: str = ".png"
-    mesh: str = ""
+    texture_suffix: str = ".png"
+    mesh_suffix: str = ""
     verify: bool = False
-    set: str = ".json"
+    spheres_suffix: str = ".json"
 
-    def with_threads(self, threads: int) -> "Order":
+    def with_threads(self, threads: int) -> "JobSpec":
         """Return the same with this many threads where it says nothing about them."""
         if self.bake is None or self.bake.threads:
             return self
@@ -50,12 +50,12 @@ class Asset:
 
     name    its folder and stem below the output folder, such as props/rock, with forward slashes; no other's
     mesh    its file, as the pattern found it
-    order   what is made of it
+    spec    what is made of it
     """
 
     name: str
     mesh: Path
-    order: Order
+    spec: JobSpec
 
     @property
     def folder(self) -> str:
@@ -70,7 +70,7 @@ class Asset:
 
 # The work on one asset: what a worker does, wherever it runs.
 
-Kind = Literal["error", "crash", "timeout", "stopped"]
+FailureKind = Literal["error", "crash", "timeout", "stopped"]
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Job:
     shown     the same as messages and reports call it
     folder    where its files are to go, absolute, and their names begin with `stem`
     staging   where they are written, of the same file system
-    order     what is made
+    spec      what is made
     spread    address of the scheduler over whose workers the visibility is spread; None: it is not
     """
 
@@ -92,12 +92,12 @@ class Job:
     folder: Path
     stem: str
     staging: Path
-    order: Order
+    spec: JobSpec
     spread: str | None = None
 
 
 @dataclass(frozen=True)
-class Made:
+class Success:
     """What came of it.
 
     files     name in the asset's folder -> where it was written
@@ -122,17 +122,17 @@ class Failure:
     seconds    that it took
     """
 
-    kind: Kind
+    kind: FailureKind
     message: str
     exit_code: int = 1
     details: str = ""
     seconds: float = 0.0
 
 
-Outcome = Made | Failure
+Outcome = Success | Failure
 
 
-class Heard(Progress):
+class JobProgress(Progress):
     """Tells which stage a job is at, and keeps its warnings."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
@@ -167,9 +167,9 @@ def work(
     """
     try:
         with sight_of(job) as make_visibility:
-            return _make(job, Heard(tell), make_visibility)
+            return _make(job, JobProgress(tell), make_visibility)
     except AoprecalcError as error:
-        kind: Kind = "crash" if isinstance(error, KilledError) else "error"
+        kind: FailureKind = "crash" if isinstance(error, KilledError) else "error"
         return Failure(kind, _shown(job, str(error)), error.exit_code)
     except MemoryError:
         return Failure("error", f"{job.shown}: out of memory; use a smaller size or fewer --jobs")
@@ -180,31 +180,31 @@ def work(
         return Failure("error", f"{job.shown}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
 
 
-def _make(job: Job, heard: Heard, make_visibility: VisibilityFactory) -> Made:
-    order, folder, summary = job.order, job.folder, dict[str, Any]()
+def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> Success:
+    spec, folder, summary = job.spec, job.folder, dict[str, Any]()
     job.staging.mkdir(parents=True, exist_ok=True)
     with Outputs(job.staging) as outputs:
-        if order.bake is not None:
+        if spec.bake is not None:
             baked = bake(
                 job.mesh,
-                folder / f"{job.stem}_ao{order.texture}",
-                mesh_output=folder / f"{job.stem}_ao{order.mesh}" if order.mesh else None,
+                folder / f"{job.stem}_ao{spec.texture_suffix}",
+                mesh_output=folder / f"{job.stem}_ao{spec.mesh_suffix}" if spec.mesh_suffix else None,
                 stem=job.stem,
-                verify=order.verify,
+                verify=spec.verify,
                 outputs=outputs,
                 make_visibility=make_visibility,
-                options=order.bake,
+                options=spec.bake,
                 progress=heard,
             )
             report = _relative(job, baked.report)
-            write_report(outputs.path(folder / f"{job.stem}_report.json"), report)
+            write_json(outputs.path(folder / f"{job.stem}_report.json"), report)
             summary |= _of_bake(report)
-        if order.spheres is not None:
+        if spec.spheres is not None:
             fitted = fit_spheres(
                 job.mesh,
-                folder / f"{job.stem}_spheres{order.set}",
+                folder / f"{job.stem}_spheres{spec.spheres_suffix}",
                 outputs=outputs,
-                options=order.spheres,
+                options=spec.spheres,
                 progress=heard,
             )
             summary |= {
@@ -213,7 +213,7 @@ def _make(job: Job, heard: Heard, make_visibility: VisibilityFactory) -> Made:
             }
         files = {place.name: written for place, written in outputs.release().items()}
     lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
-    return Made(files, {**summary, "warnings": lines})
+    return Success(files, {**summary, "warnings": lines})
 
 
 def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from typing import Any
 
 from aoprecalc.errors import AoprecalcError, InputError, UsageError
 from aoprecalc.pipeline.discovery import base_folder, check_distinct, find_meshes, is_pattern, name_assets
-from aoprecalc.pipeline.jobs import Asset, Order
-from aoprecalc.pipeline.option_tables import COUNTS, Table, plain_keys, read_order
-from aoprecalc.pipeline.state import HOME
+from aoprecalc.pipeline.jobs import Asset, JobSpec
+from aoprecalc.pipeline.option_tables import COUNTS, Table, plain_keys, read_job_spec
+from aoprecalc.pipeline.state import STATE_FOLDER
 
 _TOP = ("inputs", "exclude", "output", "bake", "spheres", "override", "asset")
 _OVERRIDE, _ASSET = ("match", "bake", "spheres"), ("mesh", "name", "bake", "spheres")
@@ -66,7 +66,7 @@ class Manifest:
             for mesh, name in zip(meshes, name_assets(meshes, self.base), strict=True)
         ]
         check_distinct(names, meshes)
-        return [Asset(name, mesh, self._order(mesh, single)) for name, mesh in zip(names, meshes, strict=True)]
+        return [Asset(name, mesh, self._spec(mesh, single)) for name, mesh in zip(names, meshes, strict=True)]
 
     def idle(self, assets: Sequence[Asset]) -> tuple[str, ...]:
         """Return a line for each override that fits none of its assets: a slip, or left from meshes that are gone."""
@@ -93,7 +93,7 @@ class Manifest:
         """Tell whether a mesh's way from the manifest fits a pattern, in which * stands for folders, too."""
         return fnmatchcase(Path(os.path.relpath(mesh, self.path.parent)).as_posix(), pattern)
 
-    def _order(self, mesh: Path, single: dict[str, Single]) -> Order:
+    def _spec(self, mesh: Path, single: dict[str, Single]) -> JobSpec:
         bake, spheres = self.bake, self.spheres
         fitting = [entry[1:] for entry in self.overrides if self._fits(mesh, entry[0])]
         if own := single.get(os.path.abspath(mesh)):
@@ -101,7 +101,7 @@ class Manifest:
         try:
             for over_bake, over_spheres in fitting:
                 bake, spheres = _over(bake, over_bake, self.bake), _over(spheres, over_spheres, self.spheres)
-            return read_order(_table(bake), _table(spheres))
+            return read_job_spec(_table(bake), _table(spheres))
         except UsageError as error:
             raise UsageError(f"{self.path}, for {mesh}: {error}") from error
 
@@ -205,7 +205,7 @@ def _name(table: Table) -> str | None:
 def _is_name(text: str) -> bool:
     """Tell whether a text is the way to a file below a folder, in its plainest form."""
     parts = text.split("/")
-    plain = all(part.strip(". ") for part in parts) and parts[0] != HOME
+    plain = all(part.strip(". ") for part in parts) and parts[0] != STATE_FOLDER
     return plain and not any(char < " " for char in text)
 
 

@@ -5,22 +5,22 @@ from dataclasses import fields
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from aoprecalc.errors import UsageError
+from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline.jobs import Order
+from aoprecalc.pipeline.jobs import JobSpec
 from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read_size
 
 Table = Mapping[str, Any]
 Options = TypeVar("Options", BakeOptions, SphereOptions)
 
-TEXTURES, MESHES = (".png", ".exr", ".tif", ".tiff", ".jpg", ".tga", ".bmp"), ("", ".obj", ".ply", ".gltf", ".glb")
 COUNTS = frozenset({"spheres", "tolerance", "levels"})  # each says how many spheres, in place of the others
-SPHERE_SETS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
 
 
-def read_order(bake: Table | None, spheres: Table | None) -> Order:
-    """Return the order that two tables stand for; None: nothing of the kind.
+def read_job_spec(bake: Table | None, spheres: Table | None) -> JobSpec:
+    """Return the job spec that two tables stand for; None: nothing of the kind.
 
-    bake      fields of BakeOptions, but `size` as in "2048x1024"; and `texture`, `mesh`, `verify` of Order
+    bake      fields of BakeOptions, but `size` as in "2048x1024"; and `texture`, `mesh`, `verify` of JobSpec
     spheres   fields of SphereOptions; and `format`, the extension of the set
     Keys may be written with - or _. Raises UsageError for a key, a type or a value that is wrong.
     """
@@ -31,16 +31,16 @@ def read_order(bake: Table | None, spheres: Table | None) -> Order:
         rest = plain_keys(bake)
         size = dict(zip(("width", "height"), _size(rest.pop("size")), strict=True)) if "size" in rest else {}
         made["verify"] = _typed("verify", rest.pop("verify", False), bool)
-        made["texture"] = _extension("texture", rest.pop("texture", ".png"), TEXTURES)
-        made["mesh"] = _extension("mesh", rest.pop("mesh", ""), MESHES)
+        made["texture_suffix"] = _extension("texture", rest.pop("texture", ".png"), IMAGE_EXTENSIONS)
+        made["mesh_suffix"] = _extension("mesh", rest.pop("mesh", ""), ("", *OUTPUT_MESH_EXTENSIONS))
         made["bake"] = _options(BakeOptions, rest, ("size", "texture", "mesh", "verify"), **size)
     if spheres is not None:
         rest = plain_keys(spheres)
         if len(counts := sorted(COUNTS & rest.keys())) > 1:
             raise UsageError(f"{' and '.join(counts)} both say how many spheres; use one of them")
-        made["set"] = _extension("format", rest.pop("format", ".json"), SPHERE_SETS)
+        made["spheres_suffix"] = _extension("format", rest.pop("format", ".json"), SPHERE_EXTENSIONS)
         made["spheres"] = _options(SphereOptions, rest, ("format",))
-    return Order(**made)
+    return JobSpec(**made)
 
 
 def as_words(options: BakeOptions | SphereOptions) -> list[str]:

@@ -10,9 +10,9 @@ from aoprecalc.errors import UsageError
 from aoprecalc.options import BakeOptions
 from aoprecalc.pipeline.cache import CACHE_TAG
 from aoprecalc.pipeline.discovery import base_folder, find_meshes, name_assets
-from aoprecalc.pipeline.jobs import Asset, Order
+from aoprecalc.pipeline.jobs import Asset, JobSpec
 from aoprecalc.pipeline.manifest import read_manifest
-from aoprecalc.pipeline.state import HOME, Records
+from aoprecalc.pipeline.state import STATE_FOLDER, StateFolder
 
 _ENDS = ("report.json", "spheres.json")  # of names of what is made
 
@@ -38,10 +38,10 @@ class Plan:
         return [*made, *(asset.mesh for asset in self.assets), *([self.manifest] if self.manifest else [])]
 
 
-def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: Order | None) -> Plan:
+def plan_batch(patterns: Sequence[str], output: str | os.PathLike[str] | None, spec: JobSpec | None) -> Plan:
     """Plan a batch over what patterns fit, or over what a single manifest says.
 
-    order   what is made of each; None: a bake with its defaults, or what the manifest says
+    spec    what is made of each; None: a bake with its defaults, or what the manifest says
     What a batch has made, or what lies in the output folder, is no asset, unless the assets are there themselves.
     Raises InputError, UsageError.
     """
@@ -52,10 +52,10 @@ def plan(patterns: Sequence[str], output: str | os.PathLike[str] | None, order: 
         base = base_folder(patterns)
         meshes = find_meshes(patterns, _made_by_batches(Path(output), base))
         named = zip(name_assets(meshes, base), meshes, strict=True)
-        return Plan(tuple(Asset(name, mesh, order or Order(BakeOptions())) for name, mesh in named), Path(output))
+        return Plan(tuple(Asset(name, mesh, spec or JobSpec(BakeOptions())) for name, mesh in named), Path(output))
     if len(patterns) > 1:
         raise UsageError(f"{manifests[0]} is a manifest, but other inputs were given as well; put them into it")
-    if order is not None:
+    if spec is not None:
         raise UsageError(f"{manifests[0]} is a manifest and says itself what is made; put --bake, --spheres into it")
     manifest = read_manifest(Path(manifests[0]))
     folder = output or manifest.output
@@ -79,7 +79,7 @@ def _made_by_batches(output: Path, base: Path) -> Callable[[Path], bool]:
     def outputs(folder: Path) -> frozenset[Path]:
         """Return what batches have made into a folder, and into those above it."""
         above = outputs(folder.parent) if folder != folder.parent else frozenset()
-        return above | Records(folder).outputs() if (folder / HOME).is_dir() else above
+        return above | StateFolder(folder).outputs() if (folder / STATE_FOLDER).is_dir() else above
 
     def made(path: Path) -> bool:
         real = Path(os.path.realpath(path))

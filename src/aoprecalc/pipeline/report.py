@@ -9,14 +9,15 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 
 from aoprecalc import __version__
-from aoprecalc.pipeline.jobs import Asset, Failure, Order
+from aoprecalc.io.outputs import SCHEMAS
+from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
 from aoprecalc.pipeline.option_tables import as_words
 
 Status = Literal["made", "unchanged", "cached", "failed", "stopped"]
 
 
 @dataclass(frozen=True)
-class Result:
+class AssetResult:
     """What became of one asset.
 
     asset     it
@@ -36,7 +37,7 @@ class Result:
     seconds: float = 0.0
 
 
-class Watcher:
+class BatchProgress:
     """Receives what a batch is doing; this base class looks on in silence."""
 
     def begin(self, total: int) -> None:
@@ -45,7 +46,7 @@ class Watcher:
     def stage(self, asset: Asset, name: str) -> None:
         """See an asset come to a stage."""
 
-    def end(self, result: Result) -> None:
+    def end(self, result: AssetResult) -> None:
         """See what became of an asset; each has its turn once."""
 
     def note(self, text: str) -> None:
@@ -57,14 +58,12 @@ class Watcher:
 
 # The report of a batch, as one JSON document, and as a JUnit file.
 
-SCHEMA = 1
 
-
-def batch_report(results: Sequence[Result], output: Path, seconds: float) -> dict[str, Any]:
+def batch_report(results: Sequence[AssetResult], output: Path, seconds: float) -> dict[str, Any]:
     """Return the report; every value is a plain JSON value."""
     counts = Counter(result.status for result in results)
     report = {
-        "schema": SCHEMA,
+        "schema": SCHEMAS["batch"],
         "version": __version__,
         "output": str(output),
         "counts": {name: counts[name] for name in ("made", "unchanged", "cached", "failed", "stopped")},
@@ -74,7 +73,7 @@ def batch_report(results: Sequence[Result], output: Path, seconds: float) -> dic
     return {key: _legible(value) for key, value in report.items()}
 
 
-def junit(results: Sequence[Result], seconds: float) -> str:
+def junit(results: Sequence[AssetResult], seconds: float) -> str:
     """Return a JUnit file: a test case for each asset, in the suite of its folder.
 
     What was not begun counts as skipped.
@@ -110,25 +109,25 @@ def junit(results: Sequence[Result], seconds: float) -> str:
     return ElementTree.tostring(suites, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def commands(result: Result) -> list[str]:
+def commands(result: AssetResult) -> list[str]:
     """Return the commands that make an asset by itself, to see how it fails."""
-    order, mesh, stem = result.asset.order, str(result.asset.mesh), result.asset.stem
+    spec, mesh, stem = result.asset.spec, str(result.asset.mesh), result.asset.stem
     named = ["--", mesh] if mesh.startswith("-") else [mesh]
     lines = []
-    if order.bake is not None:
-        words = as_words(order.bake)
-        words += ["-o", f"{stem}_ao{order.texture}"] if order.texture != Order.texture else []
-        words += ["--mesh-output", f"{stem}_ao{order.mesh}"] if order.mesh != Order.mesh else []
-        words += ["--verify"] if order.verify else []
+    if spec.bake is not None:
+        words = as_words(spec.bake)
+        words += ["-o", f"{stem}_ao{spec.texture_suffix}"] if spec.texture_suffix != JobSpec.texture_suffix else []
+        words += ["--mesh-output", f"{stem}_ao{spec.mesh_suffix}"] if spec.mesh_suffix != JobSpec.mesh_suffix else []
+        words += ["--verify"] if spec.verify else []
         lines.append(shlex.join(["aoprecalc", "bake", *words, *named]))
-    if order.spheres is not None:
-        words = as_words(order.spheres)
-        words += ["-o", f"{stem}_spheres{order.set}"] if order.set != Order.set else []
+    if spec.spheres is not None:
+        words = as_words(spec.spheres)
+        words += ["-o", f"{stem}_spheres{spec.spheres_suffix}"] if spec.spheres_suffix != JobSpec.spheres_suffix else []
         lines.append(shlex.join(["aoprecalc", "spheres", *words, *named]))
     return lines
 
 
-def _asset(result: Result, output: Path) -> dict[str, Any]:
+def _asset(result: AssetResult, output: Path) -> dict[str, Any]:
     failure = result.failure
     error = None
     if failure is not None:

@@ -12,17 +12,17 @@ from typing import Any
 
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline.cache import Cache
-from aoprecalc.pipeline.jobs import Job, Order, Outcome
-from aoprecalc.pipeline.plan import Plan, plan
-from aoprecalc.pipeline.report import Result, Watcher, batch_report
-from aoprecalc.pipeline.store import Library, Task
-from aoprecalc.pipeline.workers import Crew, LocalCrew
+from aoprecalc.pipeline.jobs import Job, JobSpec, Outcome
+from aoprecalc.pipeline.plan import Plan, plan_batch
+from aoprecalc.pipeline.report import AssetResult, BatchProgress, batch_report
+from aoprecalc.pipeline.store import PendingAsset, ResultStore
+from aoprecalc.pipeline.workers import ProcessPool, WorkerPool
 
 _NUMBERS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def held_back() -> Iterator[None]:
+def defer_interrupts() -> Iterator[None]:
     """Have an interruption that comes in a `with` block take effect at the block's end.
 
     Only handlers written in Python are held back, as those that raise KeyboardInterrupt are; a signal that ends the
@@ -30,12 +30,12 @@ def held_back() -> Iterator[None]:
     """
     with ExitStack() as stack:
         for number in _NUMBERS:
-            stack.enter_context(_held_back(number))
+            stack.enter_context(_defer(number))
         yield
 
 
 @contextmanager
-def _held_back(number: signal.Signals) -> Iterator[None]:
+def _defer(number: signal.Signals) -> Iterator[None]:
     handler = signal.getsignal(number)
     came = False
 
@@ -69,7 +69,7 @@ class BatchResult:
     report        of plain JSON values; see the README for its keys
     """
 
-    results: tuple[Result, ...]
+    results: tuple[AssetResult, ...]
     passed: bool
     interrupted: bool
     report: dict[str, Any]
@@ -83,7 +83,7 @@ def batch(
     spheres: SphereOptions | None = None,
     cache: str | PathLike[str] | None = None,
     options: BatchOptions | None = None,
-    watcher: Watcher | None = None,
+    progress: BatchProgress | None = None,
 ) -> BatchResult:
     """Bake the textures and fit the spheres of many meshes, in several processes; what is there already stays.
 
@@ -96,56 +96,56 @@ def batch(
     that cannot be is a warning. AoprecalcError where a cluster cannot be reached or used.
     """
     paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
-    order = Order(bake, spheres) if bake or spheres else None
-    return run(plan([os.fspath(path) for path in paths], output, order), cache, options, watcher)
+    spec = JobSpec(bake, spheres) if bake or spheres else None
+    return run_batch(plan_batch([os.fspath(path) for path in paths], output, spec), cache, options, progress)
 
 
-def run(
+def run_batch(
     planned: Plan,
     cache: str | PathLike[str] | None = None,
     options: BatchOptions | None = None,
-    watcher: Watcher | None = None,
+    progress: BatchProgress | None = None,
 ) -> BatchResult:
     """Do what is planned; see `batch`."""
     assets, output = planned.assets, planned.output
-    started, options, watcher = time.perf_counter(), options or BatchOptions(), watcher or Watcher()
-    results: dict[str, Result] = {}
+    started, options, progress = time.perf_counter(), options or BatchOptions(), progress or BatchProgress()
+    results: dict[str, AssetResult] = {}
     interrupted = False
 
-    def end(result: Result) -> bool:
+    def end(result: AssetResult) -> bool:
         """Note a result; return whether the batch is over with it."""
         results[result.asset.name] = result
-        watcher.end(result)
+        progress.end(result)
         return options.fail_fast and result.status == "failed"
 
-    with Library(output, None if cache is None else Cache(Path(cache)), options, watcher) as library:
-        watcher.begin(len(assets))
+    with ResultStore(output, None if cache is None else Cache(Path(cache)), options, progress) as store:
+        progress.begin(len(assets))
         for line in planned.warnings:
-            watcher.warn(line)
+            progress.warn(line)
         try:
             tasks = []
             for asset in assets:
-                with held_back():  # files that are at their places are in the report, too
-                    found = library.look(asset)
-                    over = not isinstance(found, Task) and end(found)
+                with defer_interrupts():  # files that are at their places are in the report, too
+                    found = store.look(asset)
+                    over = not isinstance(found, PendingAsset) and end(found)
                 if over:
                     break
-                if isinstance(found, Task):
+                if isinstance(found, PendingAsset):
                     tasks.append(found)
             else:
-                with closing(_done(tasks, library, options, watcher)) as done:
+                with closing(_done(tasks, store, options, progress)) as done:
                     for task, job, outcome in done:
-                        with held_back():
-                            over = end(library.take(task, job, outcome))
+                        with defer_interrupts():
+                            over = end(store.take(task, job, outcome))
                         if over:
                             break
             if options.prune:
-                library.prune({asset.name for asset in assets})
+                store.prune({asset.name for asset in assets})
         except KeyboardInterrupt:
             interrupted = True
     stopped = [asset for asset in assets if asset.name not in results]
     for asset in stopped:
-        end(Result(asset, "stopped"))
+        end(AssetResult(asset, "stopped"))
     ordered = tuple(results[asset.name] for asset in assets)
     passed = all(result.status in ("made", "unchanged", "cached") for result in ordered)
     report = batch_report(ordered, output, time.perf_counter() - started)
@@ -153,34 +153,34 @@ def run(
 
 
 @contextmanager
-def open_crew(count: int, options: BatchOptions) -> Iterator[Crew]:
+def open_pool(count: int, options: BatchOptions) -> Iterator[WorkerPool]:
     """Open the crew that is asked for, for `count` jobs.
 
     Raises UsageError where a cluster is asked for in a wrong way, AoprecalcError where it cannot be reached or used.
     """
     if options.scheduler is None or options.split:
-        yield LocalCrew(count, options)
+        yield ProcessPool(count, options)
         return
-    from aoprecalc.pipeline.dask_client import open_cluster  # needs an extra
+    from aoprecalc.pipeline.dask_client import open_dask_pool  # needs an extra
 
-    with open_cluster(options) as cluster:
+    with open_dask_pool(options) as cluster:
         yield cluster
 
 
 def _done(
-    tasks: list[Task], library: Library, options: BatchOptions, watcher: Watcher
-) -> Generator[tuple[Task, Job, Outcome]]:
+    tasks: list[PendingAsset], store: ResultStore, options: BatchOptions, progress: BatchProgress
+) -> Generator[tuple[PendingAsset, Job, Outcome]]:
     """Have a crew do the tasks; yield each with what came of it."""
     if not tasks:
         return
-    tasks.sort(key=Task.weight, reverse=True)  # the longest first, lest one be alone at the end
+    tasks.sort(key=PendingAsset.weight, reverse=True)  # the longest first, lest one be alone at the end
     of_job = {task.asset.name: task for task in tasks}
-    with open_crew(len(tasks), options) as crew:
-        jobs = [library.job(task, crew.threads) for task in tasks]
+    with open_pool(len(tasks), options) as crew:
+        jobs = [store.job(task, crew.threads) for task in tasks]
         with closing(crew.run(jobs)) as events:
             for event in events:
                 task = of_job[event.job.name]
                 if event.outcome is None:
-                    watcher.stage(task.asset, event.stage)
+                    progress.stage(task.asset, event.stage)
                 else:
                     yield task, event.job, event.outcome

@@ -18,6 +18,7 @@ from typing import Any, Self
 from aoprecalc import __version__
 from aoprecalc.errors import OutputError
 from aoprecalc.io import input_files
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline.jobs import Asset
 
@@ -28,7 +29,7 @@ _TICK = 2_000_000_000  # nanoseconds: some file systems tell times no finer than
 
 
 @dataclass(frozen=True)
-class Stamp:
+class FileStamp:
     """A file as it was looked at.
 
     size    in bytes; -1: there was none
@@ -68,10 +69,10 @@ def file_digest(path: Path) -> str:
 
 
 @dataclass(frozen=True)
-class Inputs:
+class InputFiles:
     """The files that an asset is made from, the mesh first: its way from the mesh's folder -> how it was."""
 
-    files: dict[str, Stamp]
+    files: dict[str, FileStamp]
 
     @classmethod
     def of(cls, mesh: Path) -> Self:
@@ -79,16 +80,16 @@ class Inputs:
         try:
             data = mesh.read_bytes()
         except OSError:
-            return cls({mesh.name: Stamp(-1, None, "")})
+            return cls({mesh.name: FileStamp(-1, None, "")})
         paths = input_files(mesh, data)
-        stamps = {_way(path, mesh): Stamp.of(path) for path in paths[1:]}
-        return cls({mesh.name: Stamp.of(mesh, data), **stamps})
+        stamps = {_way(path, mesh): FileStamp.of(path) for path in paths[1:]}
+        return cls({mesh.name: FileStamp.of(mesh, data), **stamps})
 
     def are_now(self, mesh: Path) -> bool:
         """Tell by size and times whether all files are certainly the same."""
         return all(stamp.is_now(mesh.parent / way) for way, stamp in self.files.items())
 
-    def same_as(self, other: "Inputs") -> bool:
+    def same_as(self, other: "InputFiles") -> bool:
         """Tell whether both hold the same."""
         return self.digests() == other.digests()
 
@@ -97,7 +98,7 @@ class Inputs:
         return {way: stamp.digest for way, stamp in self.files.items()}
 
 
-def order_key(asset: Asset, output: Path) -> str:
+def spec_key(asset: Asset, output: Path) -> str:
     """Return a digest of all but the inputs that decides what comes of an asset: its order, its name, the version."""
     return _digest(
         {
@@ -105,18 +106,18 @@ def order_key(asset: Asset, output: Path) -> str:
             "unwrappers": _unwrappers(),
             "mesh": asset.mesh.name,
             "stem": asset.stem,
-            "bake": _that_matter(asset.order.bake),
-            "spheres": _that_matter(asset.order.spheres),
-            "others": [asset.order.texture, asset.order.mesh, asset.order.verify, asset.order.set],
+            "bake": _that_matter(asset.spec.bake),
+            "spheres": _that_matter(asset.spec.spheres),
+            "others": [asset.spec.texture_suffix, asset.spec.mesh_suffix, asset.spec.verify, asset.spec.spheres_suffix],
             # results refer to the mesh, and to what lies beside it, by the way from their own folder
             "way": Path(os.path.relpath(asset.mesh.parent, output / asset.folder)).as_posix(),
         }
     )
 
 
-def result_key(order: str, inputs: Inputs) -> str:
+def result_key(key: str, inputs: InputFiles) -> str:
     """Return the digest of everything but the machine that decides what comes of an asset."""
-    return _digest({"order": order, "inputs": inputs.digests()})
+    return _digest({"order": key, "inputs": inputs.digests()})
 
 
 def _that_matter(options: BakeOptions | SphereOptions | None) -> dict[str, Any] | None:
@@ -149,14 +150,13 @@ def _way(path: Path, mesh: Path) -> str:
 # `<output>/.aoprecalc` holds a record for each asset, what is being written (`staging`), and a lock. It may be deleted:
 # then everything is made again, or taken from the cache.
 
-SCHEMA = 2
-HOME = ".aoprecalc"
+STATE_FOLDER = ".aoprecalc"
 
 _SUFFIX = ".asset.json"  # as no folder is called that assets lie in
 
 
 @dataclass(frozen=True)
-class Record:
+class AssetRecord:
     """How an asset was made.
 
     order     the key of its order
@@ -165,19 +165,19 @@ class Record:
     summary   of what was made, for tables and reports
     """
 
-    order: str
-    inputs: Inputs
-    outputs: dict[str, Stamp]
+    spec_key: str
+    inputs: InputFiles
+    outputs: dict[str, FileStamp]
     summary: dict[str, Any]
 
 
-class Records:
+class StateFolder:
     """The records of an output folder."""
 
     def __init__(self, output: Path) -> None:
         """Look into a folder, which need not exist."""
         self._output = output
-        self._home = output / HOME
+        self._home = output / STATE_FOLDER
         self._assets = self._home / "assets"
         self.staging = self._home / "staging"
         self._holders: Counter[Path] | None = None  # a file -> how many assets have it; None: nobody has asked
@@ -203,18 +203,25 @@ class Records:
             stack.callback(shutil.rmtree, self.staging, ignore_errors=True)
             yield
 
-    def get(self, name: str) -> Record | None:
+    def get(self, name: str) -> AssetRecord | None:
         """Return the record of an asset; None where there is none that can be understood."""
         return _read(self._file(name))
 
-    def put(self, name: str, record: Record) -> None:
+    def put(self, name: str, record: AssetRecord) -> None:
         """Write the record of an asset."""
         self._count(name, self.get(name), -1)
         self._count(name, record, 1)
         file = self._file(name)
         file.parent.mkdir(parents=True, exist_ok=True)
         written = self.staging / f"record-{os.getpid()}"
-        written.write_text(json.dumps({"schema": SCHEMA, **asdict(record)}), encoding="utf-8")
+        document = {
+            "schema": SCHEMAS["batch record"],
+            "order": record.spec_key,
+            "inputs": asdict(record.inputs),
+            "outputs": {file: asdict(stamp) for file, stamp in record.outputs.items()},
+            "summary": record.summary,
+        }
+        written.write_text(json.dumps(document), encoding="utf-8")
         os.replace(written, file)
 
     def names(self) -> list[str]:
@@ -248,7 +255,7 @@ class Records:
                 found.update(self.folder(name) / output for output in record.outputs)
         return found
 
-    def _count(self, name: str, record: Record | None, by: int) -> None:
+    def _count(self, name: str, record: AssetRecord | None, by: int) -> None:
         """Keep the number of holders, where it is known."""
         if self._holders is not None and record is not None:
             for output in record.outputs:
@@ -258,20 +265,22 @@ class Records:
         return self._assets / f"{name}{_SUFFIX}"
 
 
-def _read(file: Path) -> Record | None:
+def _read(file: Path) -> AssetRecord | None:
     try:
         document = json.loads(file.read_bytes())
-        if document["schema"] != SCHEMA:
+        if document["schema"] != SCHEMAS["batch record"]:
             return None
-        inputs = Inputs(_stamps(document["inputs"]["files"]))
-        return Record(document["order"], inputs, _stamps(document["outputs"]), document["summary"])
+        inputs = InputFiles(_stamps(document["inputs"]["files"]))
+        return AssetRecord(document["order"], inputs, _stamps(document["outputs"]), document["summary"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):  # missing, damaged, or of another version
         return None
 
 
-def _stamps(table: dict[str, Any]) -> dict[str, Stamp]:
+def _stamps(table: dict[str, Any]) -> dict[str, FileStamp]:
     return {
-        way: Stamp(stamp["size"], stamp["times"] and (int(stamp["times"][0]), int(stamp["times"][1])), stamp["digest"])
+        way: FileStamp(
+            stamp["size"], stamp["times"] and (int(stamp["times"][0]), int(stamp["times"][1])), stamp["digest"]
+        )
         for way, stamp in table.items()
     }
 

@@ -14,13 +14,13 @@ from typing import Any
 from aoprecalc.errors import OutputError
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.cache import Cache
-from aoprecalc.pipeline.jobs import Asset, Failure, Job, Made, Outcome
-from aoprecalc.pipeline.report import Result, Status, Watcher
-from aoprecalc.pipeline.state import Inputs, Record, Records, Stamp, order_key, result_key
+from aoprecalc.pipeline.jobs import Asset, Failure, Job, Outcome, Success
+from aoprecalc.pipeline.report import AssetResult, BatchProgress, Status
+from aoprecalc.pipeline.state import AssetRecord, FileStamp, InputFiles, StateFolder, result_key, spec_key
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class PendingAsset:
     """An asset that has to be made.
 
     order, key   digests of its order and of its result
@@ -29,29 +29,29 @@ class Task:
     """
 
     asset: Asset
-    order: str
+    spec_key: str
     key: str
-    inputs: Inputs
-    before: Record | None
+    inputs: InputFiles
+    before: AssetRecord | None
 
     def weight(self) -> tuple[int, int]:
         """Return what tells roughly how long it takes: samples of its bake, bytes of its files."""
-        bake = self.asset.order.bake
+        bake = self.asset.spec.bake
         samples = 0 if bake is None else bake.width * bake.height * bake.directions
         return samples, sum(stamp.size for stamp in self.inputs.files.values())
 
 
-class Library(AbstractContextManager["Library"]):
+class ResultStore(AbstractContextManager["ResultStore"]):
     """The results of a batch, in its output folder and its cache; held for the length of a `with` block."""
 
-    def __init__(self, output: Path, cache: Cache | None, options: BatchOptions, watcher: Watcher) -> None:
+    def __init__(self, output: Path, cache: Cache | None, options: BatchOptions, progress: BatchProgress) -> None:
         """Name both folders."""
-        self._output, self._cache, self._options, self._watcher = output, cache, options, watcher
-        self._records = Records(output)
+        self._output, self._cache, self._options, self._watcher = output, cache, options, progress
+        self._records = StateFolder(output)
         self._stack = ExitStack()
         self._added = False  # to the cache
 
-    def __enter__(self) -> "Library":
+    def __enter__(self) -> "ResultStore":
         """Keep other batches out; raises OutputError where a folder cannot be written."""
         self._stack.enter_context(self._records.held())
         return self
@@ -64,34 +64,34 @@ class Library(AbstractContextManager["Library"]):
         if self._cache is not None and self._added:
             self._cache.tidy(self._options.cache_size)
 
-    def look(self, asset: Asset) -> Result | Task:
+    def look(self, asset: Asset) -> AssetResult | PendingAsset:
         """Return the result of an asset that is there already, or is in the cache; else what has to be done."""
         try:
             return self._look(asset)
         except OSError as error:
             return _failed(asset, Failure("error", f"{asset.mesh}: cannot be looked at ({error}); check the disk"))
 
-    def _look(self, asset: Asset) -> Result | Task:
-        order, folder = order_key(asset, self._output), self._folder(asset)
+    def _look(self, asset: Asset) -> AssetResult | PendingAsset:
+        key, folder = spec_key(asset, self._output), self._folder(asset)
         record = self._records.get(asset.name)
-        there = record if record is not None and record.order == order and self._is_whole(record, folder) else None
+        there = record if record is not None and record.spec_key == key and self._is_whole(record, folder) else None
         if self._options.force:
             there = None
         if there is not None and there.inputs.are_now(asset.mesh):
-            return Result(asset, "unchanged", tuple(there.outputs), there.summary)
-        inputs = Inputs.of(asset.mesh)
+            return AssetResult(asset, "unchanged", tuple(there.outputs), there.summary)
+        inputs = InputFiles.of(asset.mesh)
         if there is not None and there.inputs.same_as(inputs):
             with suppress(OSError):  # then they are looked into the next time as well
-                self._records.put(asset.name, Record(order, inputs, there.outputs, there.summary))
-            return Result(asset, "unchanged", tuple(there.outputs), there.summary)
-        task = Task(asset, order, result_key(order, inputs), inputs, record)
+                self._records.put(asset.name, AssetRecord(key, inputs, there.outputs, there.summary))
+            return AssetResult(asset, "unchanged", tuple(there.outputs), there.summary)
+        task = PendingAsset(asset, key, result_key(key, inputs), inputs, record)
         if self._cache is not None and not self._options.force:
             found = self._cache.get(task.key, self._records.staging)
             if found is not None:
                 return self._placed(task, "cached", *found, seconds=0.0)
         return task
 
-    def job(self, task: Task, threads: int) -> Job:
+    def job(self, task: PendingAsset, threads: int) -> Job:
         """Return the job that makes an asset."""
         asset, folder = task.asset, self._folder(task.asset)
         staging = self._records.staging / secrets.token_hex(8)
@@ -102,16 +102,16 @@ class Library(AbstractContextManager["Library"]):
             folder=Path(os.path.abspath(folder)),
             stem=asset.stem,
             staging=Path(os.path.abspath(staging)),
-            order=asset.order.with_threads(threads),
+            spec=asset.spec.with_threads(threads),
             spread=self._options.scheduler if self._options.split else None,
         )
 
-    def take(self, task: Task, job: Job, outcome: Outcome) -> Result:
+    def take(self, task: PendingAsset, job: Job, outcome: Outcome) -> AssetResult:
         """Put what came of a job at its place and into the cache."""
         try:
             if isinstance(outcome, Failure):
                 return _failed(task.asset, outcome)
-            if not Inputs.of(task.asset.mesh).same_as(task.inputs):
+            if not InputFiles.of(task.asset.mesh).same_as(task.inputs):
                 found = f"{job.shown}: was changed while it was worked on"
                 return _failed(task.asset, Failure("error", f"{found}; run the batch again", seconds=outcome.seconds))
             self._keep(task, outcome)
@@ -127,15 +127,15 @@ class Library(AbstractContextManager["Library"]):
                 self._remove(record.outputs, self._records.folder(name))
                 self._watcher.note(f"removed what was made of {name}, which is not among these assets any more")
 
-    def _remove(self, outputs: Mapping[str, Stamp], folder: Path) -> None:
+    def _remove(self, outputs: Mapping[str, FileStamp], folder: Path) -> None:
         """Remove files that no asset has now, if nobody has changed them, and their folder if nothing else is in it."""
         for name, stamp in outputs.items():
-            if not self._records.has(folder / name) and Stamp.of(folder / name).digest == stamp.digest:
+            if not self._records.has(folder / name) and FileStamp.of(folder / name).digest == stamp.digest:
                 (folder / name).unlink(missing_ok=True)
         with suppress(OSError):
             folder.rmdir()
 
-    def _keep(self, task: Task, made: Made) -> None:
+    def _keep(self, task: PendingAsset, made: Success) -> None:
         """Add a result to the cache; one that cannot be added is no loss but of time."""
         if self._cache is None:
             return
@@ -146,8 +146,8 @@ class Library(AbstractContextManager["Library"]):
             self._cache = None
 
     def _placed(
-        self, task: Task, status: Status, files: dict[str, Path], summary: dict[str, Any], seconds: float
-    ) -> Result:
+        self, task: PendingAsset, status: Status, files: dict[str, Path], summary: dict[str, Any], seconds: float
+    ) -> AssetResult:
         """Move files from the staging folder to their places, and record them."""
         asset, folder = task.asset, self._folder(task.asset)
         try:
@@ -157,19 +157,19 @@ class Library(AbstractContextManager["Library"]):
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
             for name, file in files.items():
                 os.replace(file, folder / name)
-            stamps = {name: Stamp.of(folder / name, certain=True) for name in sorted(files)}
-            self._records.put(asset.name, Record(task.order, task.inputs, stamps, summary))
+            stamps = {name: FileStamp.of(folder / name, certain=True) for name in sorted(files)}
+            self._records.put(asset.name, AssetRecord(task.spec_key, task.inputs, stamps, summary))
             if task.before is not None and task.before.outputs.keys() - files.keys():
                 self._remove(task.before.outputs, folder)
         except OSError as error:
             found = f"{error.filename2 or error.filename or folder}: cannot be written ({error.strerror or error})"
             return _failed(asset, Failure("error", f"{found}; choose another output", seconds=seconds))
-        return Result(asset, status, tuple(stamps), summary, seconds=seconds)
+        return AssetResult(asset, status, tuple(stamps), summary, seconds=seconds)
 
-    def _is_whole(self, record: Record, folder: Path) -> bool:
+    def _is_whole(self, record: AssetRecord, folder: Path) -> bool:
         """Tell whether all outputs of a record are as they were written."""
         return all(
-            stamp.is_now(folder / name) or Stamp.of(folder / name).digest == stamp.digest
+            stamp.is_now(folder / name) or FileStamp.of(folder / name).digest == stamp.digest
             for name, stamp in record.outputs.items()
         )
 
@@ -177,6 +177,6 @@ class Library(AbstractContextManager["Library"]):
         return self._records.folder(asset.name)
 
 
-def _failed(asset: Asset, failure: Failure) -> Result:
+def _failed(asset: Asset, failure: Failure) -> AssetResult:
     status: Status = "stopped" if failure.kind == "stopped" else "failed"
-    return Result(asset, status, failure=failure, seconds=failure.seconds)
+    return AssetResult(asset, status, failure=failure, seconds=failure.seconds)

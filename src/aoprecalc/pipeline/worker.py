@@ -37,9 +37,9 @@ def _sight_of(job: Job) -> AbstractContextManager[VisibilityFactory]:
     """Have a job's process look by itself, or the workers of a cluster."""
     if job.spread is None:
         return local_visibility(job)
-    from aoprecalc.pipeline.dask_client import ClusterVisibility  # needs an extra
+    from aoprecalc.pipeline.dask_client import DaskVisibility  # needs an extra
 
-    return ClusterVisibility(job.spread, job.shown)
+    return DaskVisibility(job.spread, job.shown)
 
 
 if __name__ == "__main__":

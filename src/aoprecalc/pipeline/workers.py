@@ -26,7 +26,7 @@ _MOST_JOBS = 100  # of one process: what libraries leak does not grow without bo
 _LAST_WORDS = 2000  # bytes of what a dying process said last
 
 
-class Child:
+class WorkerProcess:
     """A worker process, started for the first job and again after it died."""
 
     def __init__(self) -> None:
@@ -157,7 +157,7 @@ _OF_JOB = 1 << 30  # bytes of memory that a job may take
 
 
 @dataclass(frozen=True)
-class Event:
+class JobEvent:
     """What happened to a job: it came to a stage, or it has an outcome."""
 
     job: Job
@@ -165,7 +165,7 @@ class Event:
     outcome: Outcome | None = None
 
 
-class Crew(Protocol):
+class WorkerPool(Protocol):
     """Does jobs.
 
     threads   that one job is to use, where its order says nothing; 0: all cores of where it runs
@@ -173,12 +173,12 @@ class Crew(Protocol):
 
     threads: int
 
-    def run(self, jobs: Sequence[Job]) -> Generator[Event]:
+    def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
         """Yield events until each job has had its outcome, once; closing the iterator ends the work."""
         ...
 
 
-class LocalCrew:
+class ProcessPool:
     """Processes on this machine, each with a thread here that waits for it."""
 
     def __init__(self, count: int, options: BatchOptions) -> None:
@@ -189,15 +189,15 @@ class LocalCrew:
         # who has set this has decided
         self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, whole_cores() // self._size)
 
-    def run(self, jobs: Sequence[Job]) -> Generator[Event]:
+    def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
         """See Crew."""
-        events: SimpleQueue[Event] = SimpleQueue()
+        events: SimpleQueue[JobEvent] = SimpleQueue()
         stop = threading.Event()
         left = iter(jobs)  # the next of a list is taken in one step, which threads do not divide
         timeout, retries = self._options.timeout, self._options.retries
 
         def attend() -> None:
-            child = Child()
+            child = WorkerProcess()
             try:
                 while not stop.is_set() and (job := next(left, None)) is not None:
                     tell = _teller(events, job)
@@ -207,7 +207,7 @@ class LocalCrew:
                     except Exception as error:  # an outcome that never comes would be waited for
                         reason = f"{type(error).__name__}: {error}"
                         outcome = Failure("crash", f"{job.shown}: its process could not be used ({reason})")
-                    events.put(Event(job, outcome=outcome))
+                    events.put(JobEvent(job, outcome=outcome))
             finally:
                 child.close()
 
@@ -219,8 +219,8 @@ class LocalCrew:
                 yield event
 
 
-def _teller(events: "SimpleQueue[Event]", job: Job) -> Callable[[str], None]:
-    return lambda stage: events.put(Event(job, stage))
+def _teller(events: "SimpleQueue[JobEvent]", job: Job) -> Callable[[str], None]:
+    return lambda stage: events.put(JobEvent(job, stage))
 
 
 @contextmanager

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aoprecalc.metrics import Pair
+from aoprecalc.metrics import PicturePair
 from aoprecalc.types import Float32Array, Float64Array, Texels
 
 FULL = 0.1  # the error that has full colour
-NO_SURFACE = (48, 48, 48)
+BACKGROUND = (48, 48, 48)
 HEAT_MAP_MIN_SIZE, HEAT_MAP_MAX_SIZE = 512, 2048  # texels on the longer side
 
 
@@ -21,7 +21,7 @@ def heat_map_size(width: int, height: int) -> tuple[int, int]:
     return width, height
 
 
-def paint(texels: Texels, uvs: Float64Array, errors: Float64Array, *, repeats: bool) -> NDArray[np.uint8]:
+def error_heat_map(texels: Texels, uvs: Float64Array, errors: Float64Array, *, repeats: bool) -> NDArray[np.uint8]:
     """Paint errors, (k,) texture minus reference, at (k, 2) UVs; returns (height, width, 3) RGB, row 0 at v = 1.
 
     Each of the surface's `texels` shows the error of the point nearest to it in texture space: blue where the texture
@@ -36,12 +36,12 @@ def paint(texels: Texels, uvs: Float64Array, errors: Float64Array, *, repeats: b
     tree = cKDTree(places, boxsize=size if repeats else None)
     nearest = tree.query(np.column_stack([column, row]) + 0.5, workers=-1)[1]
     picture: NDArray[np.uint8] = np.empty((texels.height, texels.width, 3), np.uint8)
-    picture[:] = NO_SURFACE
-    picture.reshape(-1, 3)[texels.index] = signed_colors(errors)[nearest]
+    picture[:] = BACKGROUND
+    picture.reshape(-1, 3)[texels.index] = diverging_colors(errors)[nearest]
     return picture
 
 
-def signed_colors(errors: NDArray[np.floating]) -> NDArray[np.uint8]:
+def diverging_colors(errors: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Paint errors of any shape, (...): blue below 0, white at 0, red above; returns (..., 3) RGB."""
     share = np.clip(errors / FULL, -1, 1)
     red, blue = np.minimum(1 + share, 1), np.minimum(1 - share, 1)
@@ -54,7 +54,7 @@ TILE_MIN_SIZE, TILE_MAX_SIZE = 256, 1024  # pixels on the longer side of a tile
 GAP = 8  # pixels between tiles, and around them
 
 
-def comparison_picture(pair: Pair) -> NDArray[np.uint8]:
+def comparison_picture(pair: PicturePair) -> NDArray[np.uint8]:
     """Put tiles side by side on a dark ground; returns (height, width, 3) RGB.
 
     The tiles are A and B as they are stored, 0 black and 1 white; B - A, blue where B is darker, red where it is
@@ -64,10 +64,10 @@ def comparison_picture(pair: Pair) -> NDArray[np.uint8]:
     first, second = _fit(pair.first), _fit(pair.second)
     tiles = [_grey(first), _grey(second)]
     if pair.flip is not None:
-        tiles += [signed_colors(second - first), _glow(_fit(pair.flip))]
+        tiles += [diverging_colors(second - first), _glow(_fit(pair.flip))]
     height = max(len(tile) for tile in tiles) + 2 * GAP
     width = sum(tile.shape[1] + GAP for tile in tiles) + GAP
-    picture: NDArray[np.uint8] = np.full((height, width, 3), NO_SURFACE, np.uint8)
+    picture: NDArray[np.uint8] = np.full((height, width, 3), BACKGROUND, np.uint8)
     left = GAP
     for tile in tiles:
         picture[GAP : GAP + len(tile), left : left + tile.shape[1]] = tile

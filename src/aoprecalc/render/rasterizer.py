@@ -30,7 +30,7 @@ class Camera:
     height: int
 
     @classmethod
-    def around(cls, points: Float64Array, width: int, height: int) -> Self:
+    def framing(cls, points: Float64Array, width: int, height: int) -> Self:
         """Show all points, (k, 3), k >= 1, as large as the picture allows."""
         towards = _TOWARDS / np.linalg.norm(_TOWARDS)
         right = np.array([towards[2], 0.0, -towards[0]]) / np.hypot(towards[0], towards[2])
@@ -40,29 +40,29 @@ class Camera:
         scale = _MARGIN * float((np.array([width, height]) / np.maximum(high - low, 1e-6)).min())
         return cls(axes, (low + high) / 2, scale, width, height)
 
-    def finer(self, times: int) -> "Camera":
+    def supersampled(self, times: int) -> "Camera":
         """Return the camera of the same picture with `times` as many pixels each way."""
         return Camera(self.axes, self.middle, self.scale * times, self.width * times, self.height * times)
 
-    def places(self, points: Float64Array) -> Float64Array:
-        """Return the column and row, in pixels, and the nearness, in units, of points: (..., 3) from (..., 3)."""
+    def project(self, points: Float64Array) -> Float64Array:
+        """Return the column and row, in pixels, and the view_z, in units, of points: (..., 3) from (..., 3)."""
         seen: Float64Array = points @ self.axes.T
         seen[..., 0] = (seen[..., 0] - self.middle[0]) * self.scale + self.width / 2
         seen[..., 1] = (self.middle[1] - seen[..., 1]) * self.scale + self.height / 2
         return seen
 
-    def points(self, nearness: Float64Array) -> Float64Array:
-        """Return the points of that nearness, (height, width), that the centres of pixels show: (height, width, 3)."""
+    def unproject(self, view_z: Float64Array) -> Float64Array:
+        """Return the points of that view_z, (height, width), that the centres of pixels show: (height, width, 3)."""
         across, upward = self._spread()
         right, top, towards = self.axes
-        found: Float64Array = across[:, None] * right + upward[:, None, None] * top + nearness[..., None] * towards
+        found: Float64Array = across[:, None] * right + upward[:, None, None] * top + view_z[..., None] * towards
         return found
 
-    def ground(self, level: float) -> Float64Array:
-        """Return the nearness, (height, width), of the plane y = `level` at the centres of pixels."""
+    def ground_view_z(self, level: float) -> Float64Array:
+        """Return the view_z, (height, width), of the plane y = `level` at the centres of pixels."""
         upward = self._spread()[1]
-        nearness = (level - upward * self.axes[1, 1]) / self.axes[2, 1]
-        return np.repeat(nearness[:, None], self.width, axis=1)
+        view_z = (level - upward * self.axes[1, 1]) / self.axes[2, 1]
+        return np.repeat(view_z[:, None], self.width, axis=1)
 
     def _spread(self) -> tuple[Float64Array, Float64Array]:
         """Where the centres of columns, (width,), and of rows, (height,), lie along the first two axes."""
@@ -81,42 +81,42 @@ _NOTHING = np.iinfo(np.int64).max
 class GBuffer:
     """What is seen at each pixel.
 
-    there      (height, width) bool: there is something
-    nearness   (height, width) float64: towards the camera, -inf where there is nothing
+    mask       (height, width) bool: there is something
+    view_z   (height, width) float64: towards the camera, -inf where there is nothing
     normals    (height, width, 3) float64: unit vectors on the camera's side, 0 where there is nothing
     """
 
-    there: BoolArray
-    nearness: Float64Array
+    mask: BoolArray
+    view_z: Float64Array
     normals: Float64Array
 
 
 def rasterize_mesh(corners: Float64Array, normals: Float64Array, camera: Camera) -> GBuffer:
     """Look at triangles, (f, 3, 3), with normals at their corners, (f, 3, 3), from either side."""
-    places = camera.places(corners)
+    places = camera.project(corners)
     front = _front(places, camera)
-    there = front >= 0
-    found = places[front[there]]
-    weights = _weights(found, np.stack(np.nonzero(there)[::-1]).astype(np.float64) + 0.5)
-    nearness = np.full(front.shape, -np.inf)
-    nearness[there] = (weights * found[..., 2]).sum(axis=1)
-    pointing = np.einsum("kc,kcx->kx", weights, normals[front[there]])
+    mask = front >= 0
+    found = places[front[mask]]
+    weights = _weights(found, np.stack(np.nonzero(mask)[::-1]).astype(np.float64) + 0.5)
+    view_z = np.full(front.shape, -np.inf)
+    view_z[mask] = (weights * found[..., 2]).sum(axis=1)
+    pointing = np.einsum("kc,kcx->kx", weights, normals[front[mask]])
     # The normals' side is that of the face; of one seen from behind they point away.
-    sides = corners[front[there]]
+    sides = corners[front[mask]]
     faces = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
     agree = np.einsum("kx,kx->k", faces, pointing) * (faces @ camera.axes[2])
     pointing[agree < 0] *= -1
     lengths = np.linalg.norm(pointing, axis=1, keepdims=True)
     found_normals = np.zeros((*front.shape, 3))
-    found_normals[there] = pointing / np.where(lengths > 0, lengths, 1)
-    return GBuffer(there, nearness, found_normals)
+    found_normals[mask] = pointing / np.where(lengths > 0, lengths, 1)
+    return GBuffer(mask, view_z, found_normals)
 
 
 def rasterize_spheres(centers: Float64Array, radii: Float64Array, camera: Camera) -> GBuffer:
     """Look at spheres, (n, 3) and (n,) >= 0, exactly: no triangles."""
     shape = camera.height, camera.width
-    nearness, normals = np.full(shape, -np.inf), np.zeros((*shape, 3))
-    for (column, row, near), radius in zip(camera.places(centers), radii, strict=True):
+    view_z, normals = np.full(shape, -np.inf), np.zeros((*shape, 3))
+    for (column, row, near), radius in zip(camera.project(centers), radii, strict=True):
         reach = radius * camera.scale
         rows, columns = (
             np.arange(*np.clip([np.ceil(at - reach - 0.5), np.floor(at + reach + 0.5)], 0, most).astype(int))
@@ -128,11 +128,11 @@ def rasterize_spheres(centers: Float64Array, radii: Float64Array, camera: Camera
         across, upward = (columns + 0.5 - column) / camera.scale, (row - rows - 0.5) / camera.scale
         squared = radius**2 - across**2 - upward[:, None] ** 2
         depth = np.sqrt(np.maximum(squared, 0.0))
-        front = (squared > 0) & (near + depth > nearness[box])
-        nearness[box][front] = (near + depth)[front]
+        front = (squared > 0) & (near + depth > view_z[box])
+        view_z[box][front] = (near + depth)[front]
         sides = np.stack([*np.broadcast_arrays(across, upward[:, None]), depth], axis=-1)[front]
         normals[box][front] = sides @ camera.axes / radius
-    return GBuffer(np.isfinite(nearness), nearness, normals)
+    return GBuffer(np.isfinite(view_z), view_z, normals)
 
 
 def _front(places: Float64Array, camera: Camera) -> Int64Array:
@@ -155,7 +155,7 @@ def _front(places: Float64Array, camera: Camera) -> Int64Array:
 
 
 def _planes(places: Float64Array) -> Float64Array:
-    """The nearness of each triangle's plane as x column + y row + constant, (3, f); of one seen edge-on, its middle."""
+    """The view_z of each triangle's plane as x column + y row + constant, (3, f); of one seen edge-on, its middle."""
     (bx, by, bz), (cx, cy, cz) = ((places[:, corner] - places[:, 0]).T for corner in (1, 2))
     area = bx * cy - by * cx
     flat = np.abs(area) < 1e-9

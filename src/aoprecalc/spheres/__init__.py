@@ -3,7 +3,7 @@
 NumPy and SciPy only.
 """
 
-from aoprecalc.spheres.fit import fit, measure
+from aoprecalc.spheres.fit import fit_sphere_set, measure_quality
 from aoprecalc.spheres.metrics import Quality
 
-__all__ = ["Quality", "fit", "measure"]
+__all__ = ["Quality", "fit_sphere_set", "measure_quality"]

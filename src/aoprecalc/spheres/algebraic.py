@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.lloyd import nearest_two
+from aoprecalc.spheres.lloyd import two_nearest
 from aoprecalc.types import BoolArray, Float64Array, Int64Array
 
 _LARGEST = 3**0.5  # a radius beyond that of the sphere around the box [-1, 1]^3 has run away
@@ -43,7 +43,7 @@ class AlgebraicFit:
     costs: tuple[float, ...]
 
 
-def algebraic(points: Float64Array, starts: Float64Array, max_iterations: int, progress: Progress) -> AlgebraicFit:
+def fit_algebraic(points: Float64Array, starts: Float64Array, max_iterations: int, progress: Progress) -> AlgebraicFit:
     """Give samples to the spheres of least |f| and fit the spheres to their samples until nothing changes.
 
     points           (s, 3) float64 in [-1, 1], on the grid of `sample.on_grid`: that makes means of equal points exact
@@ -55,7 +55,7 @@ def algebraic(points: Float64Array, starts: Float64Array, max_iterations: int, p
     """
     lifted = np.column_stack([points, (points**2).sum(axis=1), np.ones(len(points))])
     spheres = np.column_stack([starts, np.zeros(len(starts))])
-    labels, nearest, _ = nearest_two(points, starts, cKDTree(starts))  # radius 0: |f| is the squared distance
+    labels, nearest, _ = two_nearest(points, starts, cKDTree(starts))  # radius 0: |f| is the squared distance
     distances = nearest**2
     costs: list[float] = []
     guarded, converged = 0, False

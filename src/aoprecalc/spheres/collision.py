@@ -5,15 +5,15 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.fitted import Fitted
-from aoprecalc.spheres.sampling import Frame
-from aoprecalc.spheres.shadow import BATCH, Target, shadow
-from aoprecalc.spheres.silhouette_descent import Descent
-from aoprecalc.spheres.voxels import Grid, inside_mesh
+from aoprecalc.spheres.fitted import SphereFit
+from aoprecalc.spheres.sampling import NormalizedFrame
+from aoprecalc.spheres.shadow import VIEWS_PER_STEP, SilhouetteTarget, fit_shadow
+from aoprecalc.spheres.silhouette_descent import SilhouetteDescent
+from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 from aoprecalc.types import Float64Array, Int64Array, Scene
 
 
-def pieces(corners: Float64Array, longest: float) -> Float64Array:
+def subdivide(corners: Float64Array, longest: float) -> Float64Array:
     """Halve the longest side of triangles, (f, 3, 3), until none is longer than `longest` > 0; returns (m, 3, 3).
 
     The pieces cover the triangles exactly, but for the rounding of the middles of sides.
@@ -54,19 +54,19 @@ _BLOCK = 1 << 16  # values measured at a time: they stay in cache, and a product
 _ROUNDING = 1e-12  # in the frame, by which spheres are larger than what they hold
 
 
-def collision(
-    scene: Scene, frame: Frame, points: Float64Array, count: int, rng: np.random.Generator, progress: Progress
-) -> Fitted:
+def fit_collision(
+    scene: Scene, frame: NormalizedFrame, points: Float64Array, count: int, rng: np.random.Generator, progress: Progress
+) -> SphereFit:
     """Fit `count` spheres that hold the surface of a scene, to within the rounding of coordinates.
 
     points   (s, 3) float64 samples of its surface in the frame
     Of the inside of a watertight mesh the points of a grid are held, 48 along the longest side of its box.
     """
-    target = Target.of(scene, frame)
-    begun = shadow(scene, frame, target, points, count, rng, progress)
-    small = pieces(frame.enter(scene.corners), _PIECE)
+    target = SilhouetteTarget.of(scene, frame)
+    begun = fit_shadow(scene, frame, target, points, count, rng, progress)
+    small = subdivide(frame.to_normalized(scene.corners), _PIECE)
     held = np.concatenate([small.reshape(-1, 3), _inside(scene, frame)])
-    descent = Descent(begun.centers, begun.radii, target.wanted, target.seen, BATCH)
+    descent = SilhouetteDescent(begun.centers, begun.radii, target.wanted, target.seen, VIEWS_PER_STEP)
     for step in range(_STEPS):
         share = step / _STEPS
         some = held[rng.integers(len(held), size=_DRAWN)]
@@ -76,7 +76,7 @@ def collision(
         progress.advance()
     centers, radii = _employed(small, descent.centers, descent.radii)
     radii = _grown(small, held[small.size // 3 :], centers, radii)
-    return Fitted(centers, radii, begun.iterations + _STEPS, converged=True)
+    return SphereFit(centers, radii, begun.iterations + _STEPS, converged=True)
 
 
 def _pull(
@@ -130,12 +130,12 @@ def _grown(small: Float64Array, inside: Float64Array, centers: Float64Array, rad
     return np.where(held, np.maximum(least, radii), least) + _ROUNDING
 
 
-def _inside(scene: Scene, frame: Frame) -> Float64Array:
+def _inside(scene: Scene, frame: NormalizedFrame) -> Float64Array:
     """Points of a grid inside a watertight mesh, (k, 3) in the frame; none in another."""
     if not topology(scene.faces).watertight:
         return np.zeros((0, 3))
-    positions = frame.enter(scene.positions)
-    grid = Grid.around(positions.min(axis=0), positions.max(axis=0), _CUBES)
+    positions = frame.to_normalized(scene.positions)
+    grid = VoxelGrid.from_box(positions.min(axis=0), positions.max(axis=0), _CUBES)
     return grid.points(inside_mesh(positions, scene.faces, grid))
 
 

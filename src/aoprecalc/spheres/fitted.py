@@ -6,7 +6,7 @@ from aoprecalc.types import Float64Array
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class SphereFit:
     """n spheres in the frame.
 
     centers      (n, 3) float64

@@ -23,7 +23,7 @@ _ROUNDING = 1e-9  # more than the gaps' rounding errors sum up to in a million m
 _TIE = 1e-14  # relative difference below which two distances may be one and the same, computed in two ways
 
 
-class Pairing:
+class NearestCenters:
     """Samples, centres, and which centre is nearest to which sample; of equally near ones the first.
 
     labels   (s,) int64: the number of each sample's cluster
@@ -34,13 +34,13 @@ class Pairing:
         """Pair samples, (s, 3) in [-1, 1] with at least n distinct ones, with centres, (n, 3)."""
         self._columns = np.ascontiguousarray(points.T)
         self._centers = centers
-        self.labels, nearest, second = nearest_two(points, centers, cKDTree(centers))
+        self.labels, nearest, second = two_nearest(points, centers, cKDTree(centers))
         self._gaps = second - nearest
-        self._reach = greatest(nearest, self.labels, len(centers))  # (n,) bounds the distances in a cluster
+        self._reach = max_per_label(nearest, self.labels, len(centers))  # (n,) bounds the distances in a cluster
         self._until_refresh = _REFRESH
         self._fill_empty()
 
-    def follow(self, centers: Float64Array) -> None:
+    def update(self, centers: Float64Array) -> None:
         """Pair the samples again, now that the centres are at `centers`, (n, 3) float64."""
         moved = np.sqrt(_squares(*(centers - self._centers).T))
         self._centers = centers
@@ -63,13 +63,13 @@ class Pairing:
         if self._until_refresh > 0:
             self._reach += moved
             return
-        self._reach = greatest(self._distances(), self.labels, len(moved))
+        self._reach = max_per_label(self._distances(), self.labels, len(moved))
         self._until_refresh = _REFRESH
 
     def _measure(self, rows: Int64Array, around: "_Neighbourhoods") -> None:
         """Find the nearest centres of the samples `rows` afresh."""
         before = self.labels[rows]
-        labels, nearest, second = around.nearest_two(np.take(self._columns, rows, axis=1), before)
+        labels, nearest, second = around.two_nearest(np.take(self._columns, rows, axis=1), before)
         self.labels[rows], self._gaps[rows] = labels, second - nearest
         joined = np.flatnonzero(labels != before)
         np.maximum.at(self._reach, labels[joined], nearest[joined])
@@ -123,7 +123,7 @@ class _Neighbourhoods:
         own = self.members == np.arange(len(values))
         return np.asarray(np.where(own, 0.0, values[self.members]).max(axis=0), np.float64)
 
-    def nearest_two(self, columns: Float64Array, labels: Int64Array) -> tuple[Int64Array, Float64Array, Float64Array]:
+    def two_nearest(self, columns: Float64Array, labels: Int64Array) -> tuple[Int64Array, Float64Array, Float64Array]:
         """Do as the function `nearest_two`, for points given as (3, k), looking around the centres `labels` first.
 
         The second distance is a lower bound where the second nearest centre may lie beyond the neighbourhood.
@@ -143,11 +143,11 @@ class _Neighbourhoods:
         unsure = np.flatnonzero(second <= first * (1 + _TIE))
         if len(unsure):
             points = columns[:, unsure].T
-            found[unsure], first[unsure], second[unsure] = nearest_two(points, self._centers, self._tree)
+            found[unsure], first[unsure], second[unsure] = two_nearest(points, self._centers, self._tree)
         return found, first, second
 
 
-def nearest_two(
+def two_nearest(
     points: Float64Array, centers: Float64Array, tree: cKDTree
 ) -> tuple[Int64Array, Float64Array, Float64Array]:
     """Find the nearest centre of each point, and how far it and the second nearest are.
@@ -165,7 +165,7 @@ def nearest_two(
     return labels, first, second
 
 
-def greatest(values: Float64Array, labels: Int64Array, count: int) -> Float64Array:
+def max_per_label(values: Float64Array, labels: Int64Array, count: int) -> Float64Array:
     """(count,) float64: the greatest of the values, (s,) >= 0, with each label, (s,); 0 where there are none."""
     found = np.zeros(count)
     np.maximum.at(found, labels, values)
@@ -217,13 +217,13 @@ def lloyd(points: Float64Array, starts: Float64Array, max_iterations: int, progr
     Of equally near centres the first counts. A cluster that loses all its samples starts again from the sample
     farthest from its centre (`Pairing`). Counts its iterations as progress.
     """
-    pairing = Pairing(points, starts)
+    pairing = NearestCenters(points, starts)
     sums = _sums(points, pairing.labels, len(starts))
     iterations, converged = 1, False
     progress.advance()
     while iterations < max_iterations and not converged:
         before = pairing.labels.copy()
-        pairing.follow(sums / pairing.sizes[:, None])
+        pairing.update(sums / pairing.sizes[:, None])
         changed = np.flatnonzero(pairing.labels != before)
         sums -= _sums(points[changed], before[changed], len(starts))
         sums += _sums(points[changed], pairing.labels[changed], len(starts))
@@ -243,7 +243,7 @@ def _sums(points: Float64Array, labels: Int64Array, count: int) -> Float64Array:
 # How large the sphere of a cluster is.
 
 
-def radii(clusters: Clusters, rule: Radius) -> Float64Array:
+def cluster_radii(clusters: Clusters, rule: Radius) -> Float64Array:
     """Choose a radius for each cluster, from the distances |p - c| of samples p from their centre c.
 
     mean      each cluster's mean of |p - c| (equation 1.2.2.4 of *Précalcul*)
@@ -256,14 +256,14 @@ def radii(clusters: Clusters, rule: Radius) -> Float64Array:
     if rule == "uniform":
         return np.full(count, clusters.distances.mean())
     if rule == "cover":
-        return greatest(clusters.distances, clusters.labels, count)
+        return max_per_label(clusters.distances, clusters.labels, count)
     return np.bincount(clusters.labels, clusters.distances) / np.bincount(clusters.labels)
 
 
 # The centres that the iteration starts from.
 
 
-def starts(points: Float64Array, count: int, init: Init, rng: np.random.Generator) -> Float64Array:
+def initial_centers(points: Float64Array, count: int, init: Init, rng: np.random.Generator) -> Float64Array:
     """Choose `count` of the samples, (s, 3) float64 with at least that many distinct ones, as the first centres.
 
     first      the first samples (algorithm 1.2.1 of *Précalcul*)

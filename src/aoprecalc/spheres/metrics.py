@@ -4,9 +4,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
-from aoprecalc.spheres.sampling import Frame
-from aoprecalc.spheres.silhouettes import mesh_silhouettes, sphere_counts, views
-from aoprecalc.spheres.voxels import Grid, inside_mesh, sphere_layers
+from aoprecalc.spheres.sampling import NormalizedFrame
+from aoprecalc.spheres.silhouettes import fibonacci_views, mesh_silhouettes, spheres_per_pixel
+from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh, spheres_per_voxel
 from aoprecalc.types import Float64Array, Scene
 
 _FEW = (
@@ -66,7 +66,9 @@ _CUBES = 128  # along the longest side of the grid that measures volumes
 _ROUNDING = 1e-9  # in the frame: a point as far beyond a sphere lies on it
 
 
-def quality(scene: Scene, frame: Frame, points: Float64Array, centers: Float64Array, radii: Float64Array) -> Quality:
+def sphere_quality(
+    scene: Scene, frame: NormalizedFrame, points: Float64Array, centers: Float64Array, radii: Float64Array
+) -> Quality:
     """Measure spheres, in the frame: centers (n, 3), radii (n,) >= 0, on points, (s, 3), of the scene's surface.
 
     radius_min, radius_mean, radius_max, radius_deviation   of the radii, the last their standard deviation, in the
@@ -91,7 +93,7 @@ def quality(scene: Scene, frame: Frame, points: Float64Array, centers: Float64Ar
         "surface_error_max": error.max(),
         "coverage": (away <= _ROUNDING).mean(),
     }
-    positions = frame.enter(scene.positions)
+    positions = frame.to_normalized(scene.positions)
     found = {name: float(value) for name, value in measured.items()}
     found |= silhouette_quality(scene, positions, centers, radii)
     return found | volume_quality(scene, positions, centers, radii)
@@ -112,9 +114,9 @@ def silhouette_quality(scene: Scene, positions: Float64Array, centers: Float64Ar
     """
     half = _WINDOW * float(np.linalg.norm(positions, axis=1).max())
     half = max(half, float((np.linalg.norm(centers, axis=1) + radii).max()))
-    seen = views(_VIEWS, half, _PIXELS, _TURN)
+    seen = fibonacci_views(_VIEWS, half, _PIXELS, _TURN)
     mesh = mesh_silhouettes(positions, scene.faces, seen)
-    spheres = sphere_counts(centers, radii, seen) > 0
+    spheres = spheres_per_pixel(centers, radii, seen) > 0
     area = mesh.sum(axis=(1, 2))
     some = area > 0
     if not some.any():
@@ -141,8 +143,8 @@ def volume_quality(scene: Scene, positions: Float64Array, centers: Float64Array,
     """
     low = np.minimum(positions.min(axis=0), (centers - radii[:, None]).min(axis=0))
     high = np.maximum(positions.max(axis=0), (centers + radii[:, None]).max(axis=0))
-    grid = Grid.around(low, high, _CUBES)
-    layers = sphere_layers(centers, radii, grid)
+    grid = VoxelGrid.from_box(low, high, _CUBES)
+    layers = spheres_per_voxel(centers, radii, grid)
     held = layers > 0
     found = {"overlap": float(layers[held].mean()) if held.any() else 1.0}
     if topology(scene.faces).watertight:

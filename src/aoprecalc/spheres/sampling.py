@@ -12,7 +12,7 @@ from aoprecalc.types import Float64Array, Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class NormalizedFrame:
     """Moves a mesh to the origin and scales it, so that its place and size in the file do not matter.
 
     center     (3,) float64: the middle of the mesh's bounding box, in the mesh's units
@@ -25,18 +25,18 @@ class Frame:
     diagonal: float
 
     @classmethod
-    def around(cls, positions: Float64Array) -> Self:
+    def from_positions(cls, positions: Float64Array) -> Self:
         """Frame the bounding box of finite positions, (v, 3) float64, v >= 1."""
         low, high = positions.min(axis=0) / 2, positions.max(axis=0) / 2  # halved first: no sum overflows
         half = high - low
         scale = float(half.max()) or 1.0
         return cls(low + high, scale, 2 * float(np.linalg.norm(half / scale)))
 
-    def enter(self, positions: Float64Array) -> Float64Array:
+    def to_normalized(self, positions: Float64Array) -> Float64Array:
         """Bring positions, (..., 3) float64, from the mesh's coordinates into the frame."""
         return (positions - self.center) / self.scale
 
-    def leave(self, positions: Float64Array) -> Float64Array:
+    def from_normalized(self, positions: Float64Array) -> Float64Array:
         """Bring positions, (..., 3) float64, from the frame back to the mesh's coordinates."""
         return positions * self.scale + self.center
 
@@ -46,7 +46,9 @@ class Frame:
 _BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
 
 
-def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.Generator) -> Float64Array:
+def sample_surface(
+    scene: Scene, frame: NormalizedFrame, count: int, distinct: int, rng: np.random.Generator
+) -> Float64Array:
     """Draw `count` points uniformly on the surface, at least `distinct` of them different.
 
     The first points do not depend on `count`, but for the rounding of `on_grid`.
@@ -60,7 +62,7 @@ def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.G
         block = points[start : start + _BLOCK]
         where, along, across = rng.random((len(block), 3)).T
         block[:] = _inside(corners[pick_faces(upto, where)], *fold_to_triangle(along, across))
-    points = on_grid(points)
+    points = round_to_grid(points)
     if (found := _distinct(points, distinct)) < distinct:
         raise InputError(
             f"{scene.path}: the {count} samples fall on {found} distinct points, fewer than the {distinct} spheres "
@@ -69,8 +71,8 @@ def draw(scene: Scene, frame: Frame, count: int, distinct: int, rng: np.random.G
     return points
 
 
-def draw_with_normals(
-    scene: Scene, frame: Frame, count: int, rng: np.random.Generator
+def sample_surface_with_normals(
+    scene: Scene, frame: NormalizedFrame, count: int, rng: np.random.Generator
 ) -> tuple[Float64Array, Float64Array]:
     """Draw points uniformly on the surface; returns them, in the frame, and their faces' unit normals, (count, 3) each.
 
@@ -82,7 +84,7 @@ def draw_with_normals(
     return _inside(chosen, *fold_to_triangle(along, across)), face_normals(chosen)[0]
 
 
-def on_grid(points: Float64Array) -> Float64Array:
+def round_to_grid(points: Float64Array) -> Float64Array:
     """Round (s, 3) coordinates in [-1, 1] to multiples of the power of two that makes the sum of any of them exact.
 
     A sum then depends neither on its order nor on its history, and the rounding noise that comes from where the
@@ -92,9 +94,9 @@ def on_grid(points: Float64Array) -> Float64Array:
     return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0: no negative zeros, equal is identical
 
 
-def _surface(scene: Scene, frame: Frame) -> tuple[Float64Array, Float64Array]:
+def _surface(scene: Scene, frame: NormalizedFrame) -> tuple[Float64Array, Float64Array]:
     """The faces' corners in the frame, (f, 3, 3), and twice the area of each face and all before it, (f,)."""
-    corners = frame.enter(scene.corners)
+    corners = frame.to_normalized(scene.corners)
     upto = np.cumsum(_areas(corners, scene, frame))
     if upto[-1] == 0:
         raise InputError(
@@ -104,7 +106,7 @@ def _surface(scene: Scene, frame: Frame) -> tuple[Float64Array, Float64Array]:
     return corners, upto
 
 
-def _areas(corners: Float64Array, scene: Scene, frame: Frame) -> Float64Array:
+def _areas(corners: Float64Array, scene: Scene, frame: NormalizedFrame) -> Float64Array:
     """(f,) twice the faces' areas in the frame; 0 where rounding of the coordinates could account for all of it."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.linalg.norm(np.cross(first, second), axis=1)

@@ -7,10 +7,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.fitted import Fitted
-from aoprecalc.spheres.sampling import Frame, draw_with_normals
-from aoprecalc.spheres.silhouette_descent import Descent
-from aoprecalc.spheres.silhouettes import Views, counted, disc_runs, mesh_silhouettes, run_sums, sphere_counts, views
+from aoprecalc.spheres.fitted import SphereFit
+from aoprecalc.spheres.sampling import NormalizedFrame, sample_surface_with_normals
+from aoprecalc.spheres.silhouette_descent import SilhouetteDescent
+from aoprecalc.spheres.silhouettes import (
+    Views,
+    disc_spans,
+    fibonacci_views,
+    mesh_silhouettes,
+    span_counts,
+    span_sums,
+    spheres_per_pixel,
+)
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO
 
@@ -19,7 +27,7 @@ _HALF = (
 )
 
 
-def choose(
+def greedy_selection(
     centers: Float64Array, radii: Float64Array, worth: Float32Array, seen: Views, count: int
 ) -> NDArray[np.intp]:
     """Return which of c candidates to take, at most `count`, fewer where no more of them gain anything.
@@ -28,7 +36,7 @@ def choose(
     worth   (d, size, size) float32: what it is worth to cover a pixel of the views `seen`; that counts once
     """
     worth = worth.copy()
-    columns, rows = seen.places(centers)
+    columns, rows = seen.project(centers)
     sizes = radii * seen.scale
     corners = _squares(columns, rows, sizes, seen.size)
     chosen: list[int] = []
@@ -39,11 +47,11 @@ def choose(
         if gains[best] <= 0:
             break
         left[best] = False
-        runs = disc_runs(columns[:, best : best + 1], rows[:, best : best + 1], sizes[best : best + 1], seen.size)
-        if run_sums(runs, worth, len(seen)).sum() <= 0:
+        runs = disc_spans(columns[:, best : best + 1], rows[:, best : best + 1], sizes[best : best + 1], seen.size)
+        if span_sums(runs, worth, len(seen)).sum() <= 0:
             continue  # its squares gain at their corners, its discs nothing
         chosen.append(best)
-        worth[counted(runs, len(seen), seen.size) > 0] = 0
+        worth[span_counts(runs, len(seen), seen.size) > 0] = 0
     return np.array(chosen, np.intp)
 
 
@@ -115,7 +123,7 @@ def medial_balls(
 # Chosen on bunny, bigguy, ogre and fruit fly by what they cost and bring.
 _VIEWS, _PIXELS, _TURN = 40, 192, 0.25
 _FOR_CHOICE = 20  # of the views: what the greedy choice looks at
-BATCH = 10  # of the views: what a step of the descent looks at
+VIEWS_PER_STEP = 10  # of the views: what a step of the descent looks at
 _CANDIDATES = 1000  # of each kind
 _LARGEST = 1.0  # radius of a medial ball, in half the longest side of the box: one that large is outside
 _WITHIN = 20_000  # samples that medial balls must not hold
@@ -129,7 +137,7 @@ Spheres = tuple[Float64Array, Float64Array]  # centres (n, 3) and radii (n,)
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class SilhouetteTarget:
     """A mesh's silhouettes, (d, size, size) bool, in the views `seen`; worth is 1 inside them and -1 outside."""
 
     seen: Views
@@ -137,51 +145,51 @@ class Target:
     worth: Float32Array
 
     @classmethod
-    def of(cls, scene: Scene, frame: Frame) -> "Target":
+    def of(cls, scene: Scene, frame: NormalizedFrame) -> "SilhouetteTarget":
         """Take the silhouettes of a scene in the frame."""
-        positions, faces = frame.enter(scene.positions), scene.faces
+        positions, faces = frame.to_normalized(scene.positions), scene.faces
         half = 1.1 * float(np.linalg.norm(positions, axis=1).max())
         order = np.argsort(np.arange(_VIEWS) * INV_GOLDEN_RATIO % 1.0)  # so that each run of them looks from all around
-        seen = views(_VIEWS, half, _PIXELS, _TURN)[order]
+        seen = fibonacci_views(_VIEWS, half, _PIXELS, _TURN)[order]
         wanted = mesh_silhouettes(positions, faces, seen)
         return cls(seen, wanted, np.where(wanted, 1, -1).astype(np.float32))
 
     def likeness(self, centers: Float64Array, radii: Float64Array) -> float:
         """Return intersection over union of silhouettes, in the mean over the views in which there is any."""
-        covered = sphere_counts(centers, radii, self.seen) > 0
+        covered = spheres_per_pixel(centers, radii, self.seen) > 0
         union = (covered | self.wanted).sum(axis=(1, 2))
         both = (covered & self.wanted).sum(axis=(1, 2))
         return float((both / np.maximum(union, 1)).sum() / max(1, np.count_nonzero(union)))
 
     def missed(self, centers: Float64Array, radii: Float64Array) -> Float64Array:
         """Return how many pixels fewer would be right without each sphere, (n,) float64; negative where more would."""
-        counts = sphere_counts(centers, radii, self.seen)
+        counts = spheres_per_pixel(centers, radii, self.seen)
         alone = np.where(counts == 1, self.worth, np.float32(0))
-        runs = disc_runs(*self.seen.places(centers), radii * self.seen.scale, self.seen.size)
-        gained: Float64Array = run_sums(runs, alone, len(self.seen) * len(radii)).reshape(-1, len(radii)).sum(axis=0)
+        runs = disc_spans(*self.seen.project(centers), radii * self.seen.scale, self.seen.size)
+        gained: Float64Array = span_sums(runs, alone, len(self.seen) * len(radii)).reshape(-1, len(radii)).sum(axis=0)
         return gained
 
-    def choose(self, candidates: Spheres, beside: Spheres, count: int) -> Int32Array:
+    def select(self, candidates: Spheres, beside: Spheres, count: int) -> Int32Array:
         """Return which of the candidates (centres, radii) to add beside other spheres, at most `count`."""
         some = self.seen[:_FOR_CHOICE]
         worth = self.worth[:_FOR_CHOICE]
         if len(beside[1]):
-            worth = np.where(sphere_counts(*beside, some) == 0, worth, np.float32(0))
+            worth = np.where(spheres_per_pixel(*beside, some) == 0, worth, np.float32(0))
         half = some.size // 2
         # Half the pixels a side are as good, in a third of the time (measured).
         coarse = worth.reshape(len(some), half, 2, half, 2).mean(axis=(2, 4))
-        return choose(*candidates, coarse, replace(some, size=half), count).astype(np.int32)
+        return greedy_selection(*candidates, coarse, replace(some, size=half), count).astype(np.int32)
 
 
-def shadow(
+def fit_shadow(
     scene: Scene,
-    frame: Frame,
-    target: Target,
+    frame: NormalizedFrame,
+    target: SilhouetteTarget,
     points: Float64Array,
     count: int,
     rng: np.random.Generator,
     progress: Progress,
-) -> Fitted:
+) -> SphereFit:
     """Fit `count` spheres to the silhouettes of a scene.
 
     target   of the scene in the frame
@@ -193,14 +201,14 @@ def shadow(
     medial = _medial(scene, frame, points[:_WITHIN], rng)
 
     def descend(spheres: Spheres, steps: int, first: float, last: float) -> Spheres:
-        descent = Descent(*spheres, target.wanted, target.seen, BATCH)
+        descent = SilhouetteDescent(*spheres, target.wanted, target.seen, VIEWS_PER_STEP)
         for step in range(steps):
             descent.step(first + (last - first) * step / steps)
             progress.advance()
         return descent.centers, descent.radii
 
     candidates = _and_about(medial, _points(points, _CANDIDATES, rng), [share * size for share in _SIZES])
-    chosen = target.choose(candidates, (np.zeros((0, 3)), np.zeros(0)), count)
+    chosen = target.select(candidates, (np.zeros((0, 3)), np.zeros(0)), count)
     short = count - len(chosen)  # where no candidate adds anything any more, as far as these views tell
     rest = _points(points, short, rng), np.full(short, 0.3 * size)
     centers, radii = descend(_joined(_taken(candidates, chosen), rest), _SETTLE, 1.0, 0.3)
@@ -213,7 +221,7 @@ def shadow(
         staying = _taken((centers, radii), stay)
         sizes = [share * float(np.median(radii)) for share in _LATER_SIZES]
         candidates = _and_about(medial, _points(points, _CANDIDATES, rng), sizes)
-        chosen = target.choose(candidates, staying, going)
+        chosen = target.select(candidates, staying, going)
         spare = go[len(chosen) :]  # they stay for want of a better place
         moved = _joined(staying, _taken(candidates, chosen), _taken((centers, radii), spare))
         tried = descend(moved, _ROUND, 0.7, 0.2)
@@ -224,12 +232,12 @@ def shadow(
     settled = descend((centers, radii), _REST, 0.3, 0.02)
     if target.likeness(*settled) > best:
         centers, radii = settled
-    return Fitted(centers, radii, steps + _REST, converged=True)
+    return SphereFit(centers, radii, steps + _REST, converged=True)
 
 
-def _medial(scene: Scene, frame: Frame, within: Float64Array, rng: np.random.Generator) -> Spheres:
+def _medial(scene: Scene, frame: NormalizedFrame, within: Float64Array, rng: np.random.Generator) -> Spheres:
     """Balls that touch the surface from either side, as its winding may not tell which is inside."""
-    points, normals = draw_with_normals(scene, frame, _CANDIDATES, rng)
+    points, normals = sample_surface_with_normals(scene, frame, _CANDIDATES, rng)
     balls = _joined(*(medial_balls(points, side * normals, within, _LARGEST) for side in (1, -1)))
     return _taken(balls, np.flatnonzero(balls[1] < 0.99 * _LARGEST))
 

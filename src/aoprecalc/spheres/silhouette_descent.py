@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from aoprecalc.spheres.silhouettes import Views, sphere_counts
+from aoprecalc.spheres.silhouettes import Views, spheres_per_pixel
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO
 
@@ -22,7 +22,7 @@ _HELD = 1 << 22  # in all views of a step: bounds memory
 _KEEP, _KEEP_SQUARE, _TINY = 0.8, 0.95, 1e-12  # of the descent
 
 
-class Descent:
+class SilhouetteDescent:
     """Spheres on their way: centres (n, 3) and radii (n,) float64."""
 
     def __init__(self, centers: Float64Array, radii: Float64Array, wanted: BoolArray, seen: Views, batch: int) -> None:
@@ -61,9 +61,9 @@ class Descent:
     def _slope(self, which: NDArray[np.intp]) -> Float64Array:
         """The derivative of the differing area, in pixels, by (x, y, z, r) in pixels, (n, 4): the mean over views."""
         seen = self._seen[which]
-        columns, rows = seen.places(self.centers)
+        columns, rows = seen.project(self.centers)
         radii = self.radii * seen.scale
-        counts = sphere_counts(self.centers, self.radii, seen)
+        counts = spheres_per_pixel(self.centers, self.radii, seen)
         counts = np.pad(counts, ((0, 0), (1, 1), (1, 1)))
 
         spots = self._spots

@@ -38,13 +38,13 @@ class Views:
         """Pixels a unit."""
         return self.size / (2 * self.half)
 
-    def places(self, points: Float64Array) -> tuple[Float64Array, Float64Array]:
+    def project(self, points: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return the columns and the rows, (d, k) float64 each, in pixels, at which (k, 3) points are seen."""
         columns, rows = (side @ points.T * self.scale + self.size / 2 for side in (self.across, self.upward))
         return columns, rows
 
 
-def views(count: int, half: float, size: int, turn: float) -> Views:
+def fibonacci_views(count: int, half: float, size: int, turn: float) -> Views:
     """Return `count` views spread evenly; a view and the one from behind have mirrored silhouettes, so half suffice.
 
     turn   of the directions about z, as a share of a whole one: keeps what measures apart from what was fitted
@@ -59,7 +59,7 @@ def mesh_silhouettes(positions: Float64Array, faces: Int32Array, seen: Views) ->
     masks = np.zeros((len(seen), size, size), bool)
     corners = np.ascontiguousarray(faces.T)
     for number, mask in enumerate(masks):
-        places = [side[0].astype(np.float32) for side in seen[np.array([number])].places(positions)]
+        places = [side[0].astype(np.float32) for side in seen[np.array([number])].project(positions)]
         columns = [np.take(places[0], corner) for corner in corners]
         rows = [np.take(places[1], corner) for corner in corners]
         meets = _meets_a_centre(columns) & _meets_a_centre(rows)
@@ -75,17 +75,17 @@ def mesh_silhouettes(positions: Float64Array, faces: Int32Array, seen: Views) ->
     return masks
 
 
-def sphere_counts(centers: Float64Array, radii: Float64Array, seen: Views) -> Int32Array:
+def spheres_per_pixel(centers: Float64Array, radii: Float64Array, seen: Views) -> Int32Array:
     """Return how many of n spheres lie over the centre of each pixel, (d, size, size) int32.
 
     centers (n, 3), radii (n,) >= 0
     """
-    runs = disc_runs(*seen.places(centers), radii * seen.scale, seen.size)
-    return counted(runs, len(seen), seen.size)
+    runs = disc_spans(*seen.project(centers), radii * seen.scale, seen.size)
+    return span_counts(runs, len(seen), seen.size)
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class DiscSpans:
     """Runs of pixels in pictures: those of the discs that are seen. m runs.
 
     owner        (m,) int64: the disc, counted view by view
@@ -99,7 +99,7 @@ class Runs:
     stop: NDArray[np.int64]
 
 
-def disc_runs(columns: Float64Array, rows: Float64Array, radii: Float64Array, size: int) -> Runs:
+def disc_spans(columns: Float64Array, rows: Float64Array, radii: Float64Array, size: int) -> DiscSpans:
     """Return the pixels whose centres lie in discs: centres (d, n), radii (n,), all in pixels."""
     count = columns.shape[1]
     x, y = columns.ravel(), rows.ravel()
@@ -113,10 +113,10 @@ def disc_runs(columns: Float64Array, rows: Float64Array, radii: Float64Array, si
         stop = np.clip(np.floor(x[owner] + reach - 0.5) + 1, 0, size).astype(np.int64)
         some = np.flatnonzero(stop > first)
         parts.append([owner[some], (owner // count * size + row)[some], first[some], stop[some]])
-    return Runs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return DiscSpans(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def counted(runs: Runs, pictures: int, size: int) -> Int32Array:
+def span_counts(runs: DiscSpans, pictures: int, size: int) -> Int32Array:
     """Return how many runs go over each pixel, (pictures, size, size) int32."""
     pitch = size + 1  # a run may stop beyond the last column
     total = pictures * size * pitch
@@ -126,7 +126,7 @@ def counted(runs: Runs, pictures: int, size: int) -> Int32Array:
     return counts
 
 
-def run_sums(runs: Runs, pictures: Float32Array, discs: int) -> Float64Array:
+def span_sums(runs: DiscSpans, pictures: Float32Array, discs: int) -> Float64Array:
     """Return the sum of pictures, (d, size, size), over each disc, (discs,) float64."""
     size = pictures.shape[-1]
     upto = np.zeros((len(pictures) * size, size + 1))

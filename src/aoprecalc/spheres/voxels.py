@@ -6,14 +6,14 @@ import numpy as np
 
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
-from aoprecalc.spheres.silhouettes import disc_runs
+from aoprecalc.spheres.silhouettes import disc_spans
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 _ASTRAY = 0.01  # share of the columns that meet the mesh: more crossings that do not add up are no accident
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class VoxelGrid:
     """Cubes of side `pitch` from the corner `low`, (3,) float64, as many as `shape` says; points are their centres."""
 
     low: Float64Array
@@ -21,7 +21,7 @@ class Grid:
     shape: tuple[int, int, int]
 
     @classmethod
-    def around(cls, low: Float64Array, high: Float64Array, most: int) -> "Grid":
+    def from_box(cls, low: Float64Array, high: Float64Array, most: int) -> "VoxelGrid":
         """Fit a grid of `most` cubes along its longest side to the box from low to high, (3,) each."""
         pitch = float((high - low).max()) / most
         across, upward, along = (int(count) for count in np.maximum(1, np.ceil((high - low) / pitch)))
@@ -32,7 +32,7 @@ class Grid:
         return self.low + (np.argwhere(inside) + 0.5) * self.pitch
 
 
-def inside_mesh(positions: Float64Array, faces: Int32Array, grid: Grid) -> BoolArray:
+def inside_mesh(positions: Float64Array, faces: Int32Array, grid: VoxelGrid) -> BoolArray:
     """Return which points lie inside a closed mesh: those that it winds around. bool, of the grid's shape.
 
     (The winding number by the signed crossings of a ray; here of all rays of a column at once.) Either winding will do.
@@ -67,13 +67,13 @@ def inside_mesh(positions: Float64Array, faces: Int32Array, grid: Grid) -> BoolA
     return inside.transpose(1, 0, 2)
 
 
-def sphere_layers(centers: Float64Array, radii: Float64Array, grid: Grid) -> Int32Array:
+def spheres_per_voxel(centers: Float64Array, radii: Float64Array, grid: VoxelGrid) -> Int32Array:
     """Return in how many of n spheres each point lies, int32 of the grid's shape."""
     across, upward, along = grid.shape
     columns, rows, depths = ((centers - grid.low) / grid.pitch).T
     sizes = radii / grid.pitch
     side = max(across, upward)
-    runs = disc_runs(columns[None], rows[None], sizes, side)
+    runs = disc_spans(columns[None], rows[None], sizes, side)
     changes = np.zeros((upward * across, along + 1), np.int32)
     for run, step in expand_counts(runs.stop - runs.first):
         owner, column, row = runs.owner[run], runs.first[run] + step, runs.line[run]

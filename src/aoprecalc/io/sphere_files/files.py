@@ -66,14 +66,16 @@ _FORMATS: dict[str, Callable[[SphereSet, dict[str, float], Scene | None], str | 
     ".urdf": lambda spheres, quality, scene: urdf_robot(spheres, printable(scene)),
     ".usda": lambda spheres, quality, scene: usda_stage(spheres, identifier(scene)),
 }
-KINDS = tuple(_FORMATS)
+SPHERE_EXTENSIONS = tuple(_FORMATS)
 
 
-def check_kind(path: Path) -> None:
+def check_sphere_extension(path: Path) -> None:
     """Raise UsageError where a sphere set cannot be written to a file of this name; to be asked before the work."""
-    if path.suffix.lower() not in KINDS:
+    if path.suffix.lower() not in SPHERE_EXTENSIONS:
         found = f"the extension {path.suffix}" if path.suffix else "no extension"
-        raise UsageError(f"{path}: has {found}; sphere sets are written as {', '.join(KINDS)}, rename the output")
+        raise UsageError(
+            f"{path}: has {found}; sphere sets are written as {', '.join(SPHERE_EXTENSIONS)}, rename the output"
+        )
 
 
 def write_sphere_set(path: Path, spheres: SphereSet, quality: dict[str, float], scene: Scene | None = None) -> None:
@@ -82,10 +84,10 @@ def write_sphere_set(path: Path, spheres: SphereSet, quality: dict[str, float], 
     scene   what they stand for: its mesh is shown in a .glb, its name given to links and prims
 
     Numbers have the digits that give the same float64 back; the same values give the same bytes.
-    Raises UsageError for another extension than KINDS, OutputError where a number is not finite (the mesh's positions
-    in a .glb are float32) or the file cannot be written.
+    Raises UsageError for an unknown extension, OutputError where a number is not finite (the mesh's positions in a
+    .glb are float32) or the file cannot be written.
     """
-    check_kind(path)
+    check_sphere_extension(path)
     try:
         _require_finite(spheres, quality)
         content = _FORMATS[path.suffix.lower()](spheres, quality, scene)

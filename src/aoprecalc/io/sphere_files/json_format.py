@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.errors import InputError
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.types import Float64Array, SphereSet
 
 
@@ -26,9 +27,9 @@ def check_spheres(path: Path, centers: Float64Array, radii: Float64Array) -> Non
         raise InputError(f"{path}: expected finite centers and finite radii >= 0, found others; mend the file")
 
 
-# Sphere sets as JSON: the spheres, how they were made and what was measured about them.
+_SCHEMA = SCHEMAS["spheres"]
 
-SCHEMA = 1
+# Sphere sets as JSON: the spheres, how they were made and what was measured about them.
 
 
 def sphere_document(spheres: SphereSet, quality: dict[str, float]) -> str:
@@ -57,7 +58,7 @@ def sphere_document(spheres: SphereSet, quality: dict[str, float]) -> str:
         facts["levels"] = [{"spheres": _rows(level)} for level in _coarser(spheres)]
     lines = ",\n".join(f"    {json.dumps(row, allow_nan=False)}" for row in _rows(spheres))
     rest = ",\n".join(f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in facts.items())
-    return f'{{\n  "schema": {SCHEMA},\n  "spheres": [\n{lines}\n  ],\n{rest}\n}}\n'
+    return f'{{\n  "schema": {_SCHEMA},\n  "spheres": [\n{lines}\n  ],\n{rest}\n}}\n'
 
 
 def _rows(spheres: SphereSet) -> list[dict[str, Any]]:
@@ -76,7 +77,7 @@ def _coarser(spheres: SphereSet) -> list[SphereSet]:
 
 def quality_document(count: int, quality: dict[str, float]) -> str:
     """Lay out what was measured about `count` spheres: {"schema": 1, "spheres": count, "quality": {...}}."""
-    return json.dumps({"schema": SCHEMA, "spheres": count, "quality": quality}, indent=2, allow_nan=False) + "\n"
+    return json.dumps({"schema": _SCHEMA, "spheres": count, "quality": quality}, indent=2, allow_nan=False) + "\n"
 
 
 def read_sphere_set(path: Path) -> tuple[SphereSet, dict[str, float]]:
@@ -114,7 +115,7 @@ def read_json(path: Path) -> tuple[Float64Array, Float64Array]:
     Raises InputError where the file is missing, is not JSON, has another schema or no "spheres" of numbers.
     """
     document = _load(path)
-    _require_schema(path, document.get("schema", SCHEMA))
+    _require_schema(path, document.get("schema", _SCHEMA))
     return _spheres(path, document)
 
 
@@ -135,8 +136,10 @@ def _load(path: Path) -> dict[str, Any]:
 
 
 def _require_schema(path: Path, schema: object) -> None:
-    if schema != SCHEMA:
-        raise InputError(f"{path}: has the schema {schema!r}, expected {SCHEMA}; write it with `aoprecalc spheres`")
+    if schema != _SCHEMA:
+        raise InputError(
+            f"{path}: has the schema {schema!r}, expected {SCHEMAS['spheres']}; write it with `aoprecalc spheres`"
+        )
 
 
 def _spheres(path: Path, document: dict[str, Any]) -> tuple[Float64Array, Float64Array]:
