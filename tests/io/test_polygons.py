@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.io.formats.polygons import fan_triangles, polygon_triangles, strip_triangles
-from aoprecalc.mesh.vertices import unique_rows
+from aoprecalc.mesh.topology import unique_rows
 
 # Concave: an arrow head, an L and a comb, counter-clockwise in the plane z = 0.
 ARROW = [(0, 0), (2, -1), (1, 0), (2, 1)]

@@ -13,12 +13,12 @@ class Stuck(xatlas.Atlas):
         wait(600)
 
 xatlas.Atlas = Stuck
-from aoprecalc.uv.xatlas_process import main
-main()"""
+from aoprecalc.uv.unwrap_process import main
+main("xatlas")"""
 
 
 def test_no_destructor_is_waited_for(monkeypatch):
     made = scene(*box())
     expected = unwrap(made, "xatlas", 64, 2).uvs
     monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", STUCK])
-    assert (unwrap(made, "xatlas", 64, 2, seconds=60).uvs == expected).all()
+    assert (unwrap(made, "xatlas", 64, 2, timeout=60).uvs == expected).all()

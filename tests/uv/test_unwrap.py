@@ -77,7 +77,7 @@ def test_faces_without_area_have_no_place():
 
 def test_steps_are_heard_from_xatlas():
     heard = []
-    unwrap(scene(*torus(around=100, across=60)), "xatlas", SIZE, 4, heard=heard.append)
+    unwrap(scene(*torus(around=100, across=60)), "xatlas", SIZE, 4, on_step=heard.append)
     steps = [step for step in dict.fromkeys(heard) if step != "starting"]
     assert steps[0] == "charts"
     assert steps[1:] == sorted(steps[1:], key=lambda step: int(step.split()[2]))
@@ -86,7 +86,7 @@ def test_steps_are_heard_from_xatlas():
 
 def test_steps_are_heard_from_uvunwrap():
     heard = []
-    unwrap(scene(*torus(around=400, across=200)), "uvunwrap", SIZE, 4, heard=heard.append)
+    unwrap(scene(*torus(around=400, across=200)), "uvunwrap", SIZE, 4, on_step=heard.append)
     stages = {"segmenting", "parameterizing", "packing", "output"}
     steps = [step for step in heard if step != "starting"]
     assert steps
@@ -106,7 +106,7 @@ def test_xatlas_is_given_up_when_its_time_is_over(monkeypatch):
     )
     started = time.monotonic()
     with pytest.raises(AoprecalcError, match=expected):
-        unwrap(scene(*box()), "xatlas", SIZE, 4, seconds=1.5)
+        unwrap(scene(*box()), "xatlas", SIZE, 4, timeout=1.5)
     assert 1.5 < time.monotonic() - started < 60
 
 
@@ -114,13 +114,13 @@ def test_uvunwrap_is_given_up_when_its_time_is_over():
     with pytest.raises(
         AoprecalcError, match=r"uvunwrap has not unwrapped 320000 faces within 0.01 s .* allow more time"
     ):
-        unwrap(scene(*torus(around=800, across=200)), "uvunwrap", SIZE, 4, seconds=0.01)
+        unwrap(scene(*torus(around=800, across=200)), "uvunwrap", SIZE, 4, timeout=0.01)
 
 
 @pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
 def test_an_unwrap_in_time_is_the_same_as_one_without_a_limit(method):
     made = scene(*box())
-    assert np.array_equal(unwrap(made, method, SIZE, 4, seconds=600).uvs, unwrap(made, method, SIZE, 4).uvs)
+    assert np.array_equal(unwrap(made, method, SIZE, 4, timeout=600).uvs, unwrap(made, method, SIZE, 4).uvs)
 
 
 def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
@@ -132,7 +132,7 @@ def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
 
 
 def test_the_gutter_shrinks_with_the_room_and_never_below_two():
-    assert choose_gutter(area=1.0, outline=4.0, size=1024, padding=8) == 16
+    assert choose_gutter(area=1.0, perimeter=4.0, size=1024, padding=8) == 16
     outlines = [4.0, 40.0, 100.0, 400.0, 4000.0]
     gutters = [choose_gutter(1.0, outline, 1024, 8) for outline in outlines]
     assert gutters == sorted(gutters, reverse=True)

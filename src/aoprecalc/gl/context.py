@@ -1,14 +1,12 @@
-"""An OpenGL context in plain memory through libOSMesa, for machines without EGL.
-
-moderngl takes any object with `load_opengl_function`; this one asks OSMesaGetProcAddress.
-Mesa removed OSMesa in version 25.1, where EGL on llvmpipe replaces it.
-"""
+"""Headless OpenGL: contexts (EGL, else OSMesa), the devices that EGL lists, and shader programs."""
 
 import ctypes
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.resources import files
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,74 +14,14 @@ import moderngl
 
 from aoprecalc.errors import RendererError
 
-LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
-
-# From GL/osmesa.h and GL/gl.h
-_FORMAT, _PROFILE, _CORE_PROFILE, _VERSION_MAJOR, _VERSION_MINOR = 0x22, 0x33, 0x34, 0x36, 0x37
-_RGBA, _UNSIGNED_BYTE = 0x1908, 0x1401
-
-
-class OSMesaContext:
-    """A current OSMesa context of at least the given version; drawing goes to framebuffer objects only."""
-
-    def __init__(self, major: int, minor: int) -> None:
-        """Create the context and make it current in this thread; raises OSError where that is not possible."""
-        self._library = _load_library()
-        self._library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
-        self._library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
-        self._library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p] + [ctypes.c_int] * 3
-        self._library.OSMesaGetProcAddress.restype = ctypes.c_void_p
-        self._library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
-        self._library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
-        wanted = [_FORMAT, _RGBA, _PROFILE, _CORE_PROFILE, _VERSION_MAJOR, major, _VERSION_MINOR, minor, 0]
-        self._handle = self._library.OSMesaCreateContextAttribs((ctypes.c_int * len(wanted))(*wanted), None)
-        if not self._handle:
-            raise OSError(f"OSMesa offers no OpenGL {major}.{minor} core context")
-        self._pixel = ctypes.create_string_buffer(4)  # OSMesa wants a window; nothing is drawn to it
-        if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _UNSIGNED_BYTE, 1, 1):
-            self.release()
-            raise OSError("OSMesaMakeCurrent failed")
-
-    def load_opengl_function(self, name: str) -> int:
-        """Address of an OpenGL function, 0 if there is none."""
-        return self._library.OSMesaGetProcAddress(name.encode()) or 0
-
-    load = load_opengl_function  # moderngl asks by either name
-
-    def __enter__(self) -> Self:
-        """Make current: it always is, in the one thread that made it."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Leave it current."""
-
-    def release(self) -> None:
-        """Destroy the context."""
-        if self._handle:
-            self._library.OSMesaDestroyContext(self._handle)
-            self._handle = None
-
-
-def _load_library() -> ctypes.CDLL:
-    for name in LIBRARIES:
-        try:
-            return ctypes.CDLL(name)
-        except OSError:
-            continue
-    raise OSError("libOSMesa is not installed")
-
-
-# A headless OpenGL context: EGL on whichever device works, else OSMesa.
-
 VERSION = (4, 3)  # the first with compute shaders and storage buffers
-_MOST_DEVICES = 16
-# By the names that every installation has; the plain ones belong to the development packages.
+LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+# The names that every installation has; those without a number belong to the development packages.
 EGL_LIBRARY = "libEGL.so.1"
 _EGL = {"backend": "egl", "libegl": EGL_LIBRARY, "libgl": "libGL.so.1"}
+_MAX_DEVICES = 16
 
-# What installs a software renderer, by system.
+# How to install a software renderer, by system.
 INSTALLS = {
     "Debian, Ubuntu": "apt-get install libegl1 libgl1 libgl1-mesa-dri",
     "Fedora": "dnf install mesa-libEGL mesa-libGL mesa-dri-drivers",
@@ -93,10 +31,10 @@ _ADVICE = "install a software renderer: " + ", ".join(f"`{line}` ({system})" for
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may give a context.
+    """A way to make a context.
 
     kind     egl or osmesa
-    device   the number of an EGL device, from 0; None for OSMesa
+    device   the index of an EGL device, from 0; None for OSMesa
     """
 
     kind: str
@@ -104,17 +42,17 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """The name for messages."""
         return "OSMesa" if self.device is None else f"EGL device {self.device}"
 
 
-# In the order in which they are tried; there are rarely as many devices.
-CANDIDATES = (*(Candidate("egl", device) for device in range(_MOST_DEVICES)), Candidate("osmesa"))
+# In the order in which they are tried; few machines have as many devices.
+CANDIDATES = (*(Candidate("egl", device) for device in range(_MAX_DEVICES)), Candidate("osmesa"))
 
 
 @dataclass(frozen=True)
 class Renderer:
-    """An OpenGL context and what it calls itself.
+    """An open OpenGL context.
 
     context   the moderngl context, current in the thread that opened it and bound to it
     kind      egl or osmesa
@@ -128,7 +66,7 @@ class Renderer:
 
 @contextmanager
 def open_renderer(threads: int = 0) -> Iterator[Renderer]:
-    """Open a context for the length of a `with` block and release everything made in it at the end.
+    """Open a context for the length of a `with` block; release it and everything made in it at the end.
 
     threads: for software rendering; 0 is all cores.
     Raises RendererError, with what was tried and what to install, where no context of VERSION can be made.
@@ -147,38 +85,35 @@ def open_renderer(threads: int = 0) -> Iterator[Renderer]:
 def make_context(candidate: Candidate) -> moderngl.Context:
     """Make the context of one candidate, of VERSION or later, current in this thread.
 
-    Raises an exception of any kind, as glcontext raises bare ones for all its reasons. A broken driver may crash the
-    process, or hang it.
+    Raises an exception of any kind, as glcontext raises bare ones for all its reasons. A broken driver may crash or
+    hang the process.
     """
     require = VERSION[0] * 100 + VERSION[1] * 10
     if candidate.kind == "osmesa":
-        memory: Any = OSMesaContext(*VERSION)
-        return moderngl.create_context(context=memory, require=require)
+        in_memory: Any = OSMesaContext(*VERSION)
+        return moderngl.create_context(context=in_memory, require=require)
     settings: dict[str, Any] = {**_EGL, "device_index": candidate.device}
     return moderngl.create_context(standalone=True, require=require, **settings)
 
 
 def _create() -> tuple[moderngl.Context, str]:
-    failures, given_up = [], ""
+    failures, exhausted = [], ""
     for candidate in CANDIDATES:
-        if candidate.kind == given_up:
+        if candidate.kind == exhausted:
             continue
         try:
             return make_context(candidate), candidate.kind
         except Exception as error:
             failures.append(f"{candidate.name}: {error}")
             if "found" in str(error) or "libEGL" in str(error) or "libGL" in str(error):
-                given_up = candidate.kind  # no such device, or no library: the next index fares no better
+                exhausted = candidate.kind  # no such device, or no library: no higher index can work
     raise RendererError(f"no OpenGL {VERSION[0]}.{VERSION[1]} context could be made ({'; '.join(failures)}); {_ADVICE}")
 
 
-# How many devices EGL knows of.
-
-
 def count_devices() -> int:
-    """Return the number of EGL's devices; raises OSError where there is no EGL, or one that cannot tell.
+    """Return the number of EGL devices (EGL_EXT_device_enumeration), which glcontext does not tell.
 
-    glcontext, which takes a device's number, does not say how many there are. See EGL_EXT_device_enumeration.
+    Raises OSError where there is no EGL, or one that cannot list them.
     """
     library = ctypes.CDLL(EGL_LIBRARY)
     library.eglGetProcAddress.restype = ctypes.c_void_p
@@ -187,8 +122,107 @@ def count_devices() -> int:
     if not address:
         raise OSError(f"{EGL_LIBRARY} has no eglQueryDevicesEXT")
     # EGLBoolean eglQueryDevicesEXT(EGLint max_devices, EGLDeviceEXT *devices, EGLint *num_devices)
-    kind = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))
+    prototype = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))
     count = ctypes.c_int()
-    if not kind(address)(0, None, ctypes.byref(count)):
+    if not prototype(address)(0, None, ctypes.byref(count)):
         raise OSError(f"{EGL_LIBRARY} lists no devices")
     return count.value
+
+
+# OSMesa: rendering in plain memory, for machines without EGL. Mesa removed it in version 25.1, where EGL on llvmpipe
+# replaces it. moderngl takes any object with `load_opengl_function`; this one asks OSMesaGetProcAddress.
+
+# From GL/osmesa.h and GL/gl.h
+_FORMAT, _PROFILE, _CORE_PROFILE, _VERSION_MAJOR, _VERSION_MINOR = 0x22, 0x33, 0x34, 0x36, 0x37
+_RGBA, _UNSIGNED_BYTE = 0x1908, 0x1401
+
+
+class OSMesaContext:
+    """A current OSMesa context of at least the given version, for rendering to framebuffer objects only."""
+
+    def __init__(self, major: int, minor: int) -> None:
+        """Create the context and make it current in this thread; raises OSError where that is not possible."""
+        self._library = _load_osmesa()
+        self._library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        self._library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        self._library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p] + [ctypes.c_int] * 3
+        self._library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        self._library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        self._library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        attributes = [_FORMAT, _RGBA, _PROFILE, _CORE_PROFILE, _VERSION_MAJOR, major, _VERSION_MINOR, minor, 0]
+        self._handle = self._library.OSMesaCreateContextAttribs((ctypes.c_int * len(attributes))(*attributes), None)
+        if not self._handle:
+            raise OSError(f"OSMesa offers no OpenGL {major}.{minor} core context")
+        self._pixel = ctypes.create_string_buffer(4)  # OSMesa needs a window; nothing is drawn to it
+        if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _UNSIGNED_BYTE, 1, 1):
+            self.release()
+            raise OSError("OSMesaMakeCurrent failed")
+
+    def load_opengl_function(self, name: str) -> int:
+        """Return the address of an OpenGL function, 0 if there is none."""
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    load = load_opengl_function  # moderngl uses both names
+
+    def __enter__(self) -> Self:
+        """Make current: it always is, in the one thread that made it."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave it current."""
+
+    def release(self) -> None:
+        """Destroy the context."""
+        if self._handle:
+            self._library.OSMesaDestroyContext(self._handle)
+            self._handle = None
+
+
+def _load_osmesa() -> ctypes.CDLL:
+    for name in LIBRARIES:
+        try:
+            return ctypes.CDLL(name)
+        except OSError:
+            continue
+    raise OSError("libOSMesa is not installed")
+
+
+# Shader programs, from the `.glsl` files beside the code that uses them.
+
+_HEADER = "#version 430 core\n"
+_INCLUDE = re.compile(r'^#include "(.+)"$', re.MULTILINE)
+
+
+def shader_source(package: str, name: str, **constants: float | str) -> str:
+    """Return the complete text of shader `name` in `package`.
+
+    Adds the version line and a #define for each constant, and replaces each line `#include "x.glsl"` by that file,
+    beside the shader or in this folder.
+    """
+    defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
+    return _HEADER + defines + _read_shader(package, name)
+
+
+def _read_shader(package: str, name: str) -> str:
+    beside = files(package) / name
+    text = (beside if beside.is_file() else files("aoprecalc.gl") / name).read_text(encoding="utf-8")
+    return _INCLUDE.sub(lambda line: _read_shader(package, line[1]), text)
+
+
+def draw_program(
+    context: moderngl.Context, package: str, vertex: str, fragment: str, **constants: float | str
+) -> moderngl.Program:
+    """Compile a vertex and a fragment shader of `package` into a program."""
+    return context.program(
+        vertex_shader=shader_source(package, vertex, **constants),
+        fragment_shader=shader_source(package, fragment, **constants),
+    )
+
+
+def compute_program(
+    context: moderngl.Context, package: str, name: str, **constants: float | str
+) -> moderngl.ComputeShader:
+    """Compile a compute shader of `package`."""
+    return context.compute_shader(shader_source(package, name, **constants))

@@ -1,12 +1,62 @@
-"""What a surface consists of: how many pieces, open or closed."""
+"""Which corners, edges and faces belong together: welding, vertices for seams, edges, boundaries, components."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from aoprecalc.types import BoolArray, Int32Array
+
+
+def unique_rows(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the distinct rows of arrays side by side, in order of first appearance.
+
+    columns  each (n,) or (n, c), without NaN; rows are equal where all their numbers are (so 0.0 equals -0.0)
+
+    Returns (first, inverse), as `np.unique` does: the index of the first occurrence of each of d distinct rows, (d,),
+    and the index into those d of every row, (n,).
+    """
+    keys = [numbers for column in columns for numbers in column.reshape(len(column), -1).T]
+    order = np.lexsort(keys[::-1])
+    starts_group = np.zeros(len(order), dtype=bool)
+    starts_group[:1] = True
+    for numbers in keys:
+        ordered = numbers[order]
+        starts_group[1:] |= ordered[1:] != ordered[:-1]
+
+    # lexsort is stable, so the first row of a group is the one that appears first.
+    first = order[starts_group]
+    appearance = np.argsort(first)
+    rank = np.empty_like(appearance)
+    rank[appearance] = np.arange(len(appearance))
+    inverse = np.empty_like(order)
+    inverse[order] = rank[np.cumsum(starts_group) - 1]
+    return first[appearance], inverse
+
+
+@dataclass(frozen=True, eq=False)
+class IndexedVertices:
+    """Vertices made from face corners, for formats with one normal and one UV for each vertex.
+
+    corner     (n,) for each vertex, one of the corners that it stands for: 3 * face + 0, 1 or 2
+    triangles  (f, 3) the vertex at each corner
+    """
+
+    corner: NDArray[np.intp]
+    triangles: NDArray[np.intp]
+
+
+def corners_to_vertices(*values: NDArray[Any]) -> IndexedVertices:
+    """Make one vertex for all corners that agree in all values, in the order in which the faces use them.
+
+    values   each (f, 3) or (f, 3, c) numbers at the corners
+    """
+    columns = [array.reshape(array.shape[0] * 3, -1) for array in values]
+    corner, inverse = unique_rows(*columns)
+    return IndexedVertices(corner, inverse.reshape(-1, 3))
 
 
 @dataclass(frozen=True)
@@ -18,7 +68,7 @@ class Topology:
 
 
 def topology(faces: Int32Array) -> Topology:
-    """Describe (f, 3) faces over welded positions; faces that repeat a position are left out."""
+    """Count the components of (f, 3) faces over welded positions; faces that repeat a position are ignored."""
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not proper.any():
         return Topology(components=0, watertight=False)
@@ -28,18 +78,18 @@ def topology(faces: Int32Array) -> Topology:
 
 
 def face_components(corners: Int32Array) -> Int32Array:
-    """Return the island of each face, (f,) int32, for (f, 3) corner numbers: faces that share a number are of one."""
+    """Label the connected component of each face, (f,) int32 from 0, for (f, 3) vertex indices."""
     size = int(corners.max()) + 1
     rows = np.concatenate([corners[:, 0], corners[:, 0]])
     columns = np.concatenate([corners[:, 1], corners[:, 2]])
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
     labels = connected_components(graph, directed=False)[1]
-    island: Int32Array = np.unique(labels[corners[:, 0]], return_inverse=True)[1].astype(np.int32)
-    return island
+    components: Int32Array = np.unique(labels[corners[:, 0]], return_inverse=True)[1].astype(np.int32)
+    return components
 
 
 def edge_ids(corners: Int32Array) -> Int32Array:
-    """Return a number for each edge of (f, 3) corner numbers, (f, 3) int32, equal where two faces share the edge.
+    """Number the undirected edges of (f, 3) vertex indices, (f, 3) int32: equal where faces share the edge.
 
     Edge c of a face runs from its corner c to the next.
     """
@@ -49,7 +99,7 @@ def edge_ids(corners: Int32Array) -> Int32Array:
 
 
 def boundary_edges(corners: Int32Array) -> BoolArray:
-    """Return which edges, (f, 3), belong to one face alone."""
+    """Return which edges of (f, 3) vertex indices belong to a single face, (f, 3) bool."""
     ids = edge_ids(corners)
-    alone: BoolArray = np.bincount(ids.ravel())[ids] == 1
-    return alone
+    single: BoolArray = np.bincount(ids.ravel())[ids] == 1
+    return single

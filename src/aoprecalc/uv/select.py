@@ -1,4 +1,4 @@
-"""Which UVs a bake uses, and why."""
+"""Which UVs a bake uses: those of the file if they can hold a bake, else new ones."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,23 +16,21 @@ from aoprecalc.types import Atlas, Scene, UvCheck
 from aoprecalc.uv.gutter import doubled_uv_areas
 from aoprecalc.uv.unwrap import needs_uvs, unwrap
 
-Sampler = Callable[[Layout], Rasterizer]
+RasterizerFactory = Callable[[Layout], Rasterizer]
 
 MAX_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
 
 
-def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
-    """Return the file's UVs where they can hold a bake or are asked for, else an unwrap.
+def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
+    """Keep the file's UVs if `options.unwrap` allows it and they can hold a bake, else unwrap.
 
-    sampler   makes what finds the texels of a layout
-
-    Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is that is not installed,
-    AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
+    Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is asked for that is not
+    installed, AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
     """
     checks = []
     if options.unwrap in ("auto", "keep"):
-        for number in range(len(scene.uv_sets)):
-            check, kept = check_uvs(sampler, scene, number, options.width, options.height)
+        for uv_set in range(len(scene.uv_sets)):
+            check, kept = check_uvs(make_rasterizer, scene, uv_set, options.width, options.height)
             checks.append(check)
             if kept is not None:
                 return replace(kept, checks=tuple(checks))
@@ -48,39 +46,42 @@ def choose_atlas(sampler: Sampler, scene: Scene, options: BakeOptions, progress:
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)
 
-    def unwrap_by(method: Literal["xatlas", "uvunwrap"]) -> Atlas:
-        atlas = unwrap(scene, method, size, options.padding, seconds=options.unwrap_timeout, heard=progress.step)
+    def unwrap_with(method: Literal["xatlas", "uvunwrap"]) -> Atlas:
+        timeout, on_step = options.unwrap_timeout, progress.step
+        atlas = unwrap(scene, method, size, options.padding, timeout=timeout, on_step=on_step)
         return replace(atlas, checks=tuple(checks))
 
     try:
-        return unwrap_by("uvunwrap" if fast else "xatlas")
-    except KilledError:  # which has nothing to do with the mesh
+        return unwrap_with("uvunwrap" if fast else "xatlas")
+    except KilledError:  # which says nothing about the mesh
         raise
     except AoprecalcError as error:
         if not (fast and options.unwrap == "auto" and isinstance(error.__cause__, ChildProcessError)):
             raise
         progress.note(f"xatlas is used instead: {error}")
-        return unwrap_by("xatlas")
+        return unwrap_with("xatlas")
 
 
-def check_uvs(sampler: Sampler, scene: Scene, number: int, width: int, height: int) -> tuple[UvCheck, Atlas | None]:
-    """Look at set `number` of the file's own UVs; return what was found, and the atlas of it where it can hold a bake.
+def check_uvs(
+    make_rasterizer: RasterizerFactory, scene: Scene, uv_set: int, width: int, height: int
+) -> tuple[UvCheck, Atlas | None]:
+    """Check one of the file's UV sets, by index; also return its atlas if it can hold a bake.
 
-    It can if, wrapped modulo 1, hardly a texel (MAX_OVERLAP of the covered ones) lies inside two triangles, no face
-    with area is without area in UV space, and none lies on more than MAX_TILES repeats of the texture.
+    It can if, wrapped modulo 1, less than MAX_OVERLAP of the covered texels lie inside two triangles, every face with
+    area has area in UV space, and no face spans more than MAX_TILES repeats of the texture.
     """
-    uvs, placed = scene.uv_sets[number], needs_uvs(scene)
+    uvs, mapped = scene.uv_sets[uv_set], needs_uvs(scene)
     longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
-    flat = int(np.count_nonzero(placed & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
-    tiles = int(np.ceil(uvs[placed].max(axis=1) - np.floor(uvs[placed].min(axis=1))).max())
+    flat = int(np.count_nonzero(mapped & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
+    tiles = int(np.ceil(uvs[mapped].max(axis=1) - np.floor(uvs[mapped].min(axis=1))).max())
     if flat:
-        return UvCheck(number, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
+        return UvCheck(uv_set, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
     if tiles > MAX_TILES:
         fault = f"a face lies on {tiles} repeats of the texture; at most {MAX_TILES} may be"
-        return UvCheck(number, flat, tiles, None, fault), None
-    atlas = replace(atlas_from_uvs(scene, uvs, placed), uv_set=number)
-    overlap = sampler(build_layout(scene, atlas, width, height)).overlap()
+        return UvCheck(uv_set, flat, tiles, None, fault), None
+    atlas = replace(atlas_from_uvs(scene, uvs, mapped), uv_set=uv_set)
+    overlap = make_rasterizer(build_layout(scene, atlas, width, height)).overlap()
     if overlap < MAX_OVERLAP:
-        return UvCheck(number, flat, tiles, overlap, ""), atlas
+        return UvCheck(uv_set, flat, tiles, overlap, ""), atlas
     fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MAX_OVERLAP:.1%} may"
-    return UvCheck(number, flat, tiles, overlap, fault), None
+    return UvCheck(uv_set, flat, tiles, overlap, fault), None

@@ -1,4 +1,4 @@
-"""New UVs for a whole scene, in one page of exact size."""
+"""New UVs for a whole scene, packed into one page of exactly the texture's size."""
 
 import io
 import time
@@ -12,9 +12,9 @@ from aoprecalc.subprocesses import ChildKilledError, StepCallback, ask, command
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 MIN_SIZE = 16  # texels
-_CHILDREN = {name: command(f"aoprecalc.uv.{name}_process") for name in ("xatlas", "uvunwrap")}
+_CHILDREN = {method: command("aoprecalc.uv.unwrap_process", method) for method in ("xatlas", "uvunwrap")}
 _OTHER = {"xatlas": "uvunwrap", "uvunwrap": "xatlas"}
-_ELSE = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}  # where time is short
+_IF_SLOW = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}
 
 
 def unwrap(
@@ -23,70 +23,70 @@ def unwrap(
     size: int,
     padding: int,
     *,
-    seconds: float | None = None,
-    heard: StepCallback | None = None,
+    timeout: float | None = None,
+    on_step: StepCallback | None = None,
 ) -> Atlas:
     """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
 
-    padding   texels around each chart that should stay free; see `choose_gutter` for what happens where room is short
-    seconds   that the unwrapper may take; None: any
-    heard     is called with the step that the unwrapper is at, several times a second
+    padding   texels around each chart that should stay free; see `choose_gutter` for meshes without room for that
+    timeout   seconds that the unwrapper may take; None: any number
+    on_step   is called several times a second with the step that the unwrapper is at
     Raises InputError where no face has area, UsageError where the size is too small for any chart, AoprecalcError where
-    the unwrapper fails or its time is over. No unwrapper goes on after an error, a Ctrl-C included.
+    the unwrapper fails or times out. After any exception, Ctrl-C included, the unwrapper is gone.
     """
     if size < MIN_SIZE:
         raise UsageError(f"--size {size} has no room for charts and gutters; use at least {MIN_SIZE}")
-    solid = needs_uvs(scene)
-    # Both unwrappers weigh lengths against constants; they are given about one unit.
-    used, corners = np.unique(scene.faces[solid], return_inverse=True)
+    mapped = needs_uvs(scene)
+    # Both unwrappers compare lengths with constants: they are given a mesh about one unit across.
+    used, corners = np.unique(scene.faces[mapped], return_inverse=True)
     positions = scene.positions[used] - scene.positions[used].min(axis=0)
     positions = (positions / positions.max()).astype(np.float32)
     faces = corners.reshape(-1, 3).astype(np.int32)
     started = time.monotonic()
 
-    def look(step: str) -> None:
-        if heard is not None:
-            heard(step)
-        if seconds is not None and time.monotonic() - started > seconds:
+    def check_time(step: str) -> None:
+        if on_step is not None:
+            on_step(step)
+        if timeout is not None and time.monotonic() - started > timeout:
             raise AoprecalcError(
-                f"{method} has not unwrapped {len(faces)} faces within {seconds:g} s (--unwrap-timeout), it is at: "
-                f"{step}; allow more time or {_ELSE[method]}"
+                f"{method} has not unwrapped {len(faces)} faces within {timeout:g} s (--unwrap-timeout), it is at: "
+                f"{step}; allow more time or {_IF_SLOW[method]}"
             )
 
-    uvs, placed, charts, gutter = _ask(method, positions, faces, size, padding, look)
-    everywhere: Float64Array = np.zeros((len(scene.faces), 3, 2))
-    everywhere[solid] = uvs
-    solid[solid] = placed
-    return Atlas(method, everywhere, solid, charts, gutter=gutter)
+    uvs, placed, charts, gutter = _run(method, positions, faces, size, padding, check_time)
+    all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
+    all_uvs[mapped] = uvs
+    mapped[mapped] = placed
+    return Atlas(method, all_uvs, mapped, charts, gutter=gutter)
 
 
 def needs_uvs(scene: Scene) -> BoolArray:
-    """Return the faces, (f,) bool, that need a place in the texture: those with area that receive and share none.
+    """Return the faces, (f,) bool, that need UVs of their own: those with area that receive and share no other's UVs.
 
     Raises InputError where there are none.
     """
-    there = scene.receives & scene.per_face(part.uv_owner is None for part in scene.parts)
-    solid: BoolArray = there & face_normals(scene.corners)[1]
-    if not solid.any():
+    baked = scene.receives & scene.per_face(part.uv_owner is None for part in scene.parts)
+    with_area: BoolArray = baked & face_normals(scene.corners)[1]
+    if not with_area.any():
         raise InputError(
-            f"{scene.path}: none of its {np.count_nonzero(there)} faces has area; expected a surface to bake"
+            f"{scene.path}: none of its {np.count_nonzero(baked)} faces has area; expected a surface to bake"
         )
-    return solid
+    return with_area
 
 
-def _ask(
+def _run(
     method: Literal["xatlas", "uvunwrap"],
     positions: Float32Array,
     faces: Int32Array,
     size: int,
     padding: int,
-    look: StepCallback,
+    on_step: StepCallback,
 ) -> tuple[Float64Array, BoolArray, int, int]:
-    """Return UVs (f, 3, 2), placed (f,), the number of charts and the gutter, from a process of the unwrapper's own."""
+    """Unwrap in a child process: UVs (f, 3, 2), placed (f,) bool, the number of charts and the gutter."""
     request = io.BytesIO()
     np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)
     try:
-        answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), look)))
+        answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), on_step)))
     except ChildProcessError as error:
         message = f"{method} could not unwrap {len(faces)} faces: {error}; or try --unwrap {_OTHER[method]}"
         raise (KilledError if isinstance(error, ChildKilledError) else AoprecalcError)(message) from error

@@ -6,8 +6,7 @@ import moderngl
 import numpy as np
 
 from aoprecalc.errors import UsageError
-from aoprecalc.gl.context import Renderer
-from aoprecalc.gl.shaders import compute_program, draw_program
+from aoprecalc.gl.context import Renderer, compute_program, draw_program
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.progress import Progress

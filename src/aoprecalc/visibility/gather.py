@@ -1,8 +1,8 @@
-"""Ambient occlusion from visibility sums."""
+"""Ambient occlusion of texels: visibility sums of one group of light axes after the other, and the estimators."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -11,37 +11,48 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import area_per_texel, texel_positions
 from aoprecalc.raster.least_squares import LeastSquaresImage
 from aoprecalc.raster.samples import Samples
-from aoprecalc.types import BoolArray, Float32Array, Texels
-from aoprecalc.visibility.directions import texel_offset
+from aoprecalc.types import (
+    REVERSED_WINDING,
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    Scene,
+    Texels,
+)
+from aoprecalc.visibility.backend import VisibilityTester
+from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, texel_offset
 from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, SurfaceSide, chunks
-from aoprecalc.visibility.shared_instances import SharedInstances
+
+MAX_INSTANCES = 8  # that share UVs: each gets eight of the 64 axes of a group, as many as a batch of maps
 
 
 def estimate(sums: Float32Array, directions: int, estimator: Estimator) -> tuple[Float32Array, BoolArray]:
-    """Return the values of texels, (k,) float32 >= 0, and which of them were measured at all, (k,) bool.
+    """Return the ambient occlusion of texels, (k,) float32 >= 0, and which of them have a value, (k,) bool.
 
-    sums   (k, 2): the weight of visible directions, and of all in front of the surface
+    sums   (k, 2): the cosine weight of the visible directions, and of all directions in front of the surface
     ratio  their quotient: self-normalised, exactly 1 on an open point
-    mean   4/N times the first (equation 1.1.1.1 by uniform directions), which sampling can make greater than 1
+    mean   4/N times the first: the Monte Carlo estimate of Précalcul, equation 1.1.1.1, with directions uniform on the
+           sphere (p.d.f. 1 / (4 pi), section 1.1.1); sampling can make it greater than 1
     """
-    visible, whole = sums[:, 0], sums[:, 1]
-    measured = whole > 0
+    visible, total = sums[:, 0], sums[:, 1]
+    measured = total > 0
     if estimator == "mean":
         return visible * np.float32(4.0 / directions), measured
-    return np.divide(visible, whole, out=np.zeros_like(visible), where=measured), measured
+    return np.divide(visible, total, out=np.zeros_like(visible), where=measured), measured
 
 
 def sampling_error(
     halves: Float32Array, directions: list[int], estimator: Estimator, sampling: Sampling
 ) -> float | None:
-    """Return the error to expect of the two halves together, RMS over the texels that both measured; None without any.
+    """Return the expected error of both halves together, RMS over the texels that both measured; None without any.
 
     halves       (2, k, 2): visibility sums of the halves
     directions   how many each has used
-    Let p and q be the halves' shares of the directions. If they erred independently their difference would be
+    Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
     1 / sqrt(pq) times the error of the whole. But the halves of an even set complete each other: its error falls as
     N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
-    have no such bond.
+    are independent.
     """
     if not all(directions):
         return None
@@ -53,55 +64,103 @@ def sampling_error(
         return None
     difference = np.sqrt(((first[both] - second[both]) ** 2).mean(dtype=np.float64))
     p, q = np.divide(directions, sum(directions))
-    bond = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
-    return float(difference * np.sqrt(p * q / bond))
+    correlation = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
+    return float(difference * np.sqrt(p * q / correlation))
 
 
-# What tells how much the texels of a side see along one group of axes after the other.
+@dataclass(frozen=True, eq=False)
+class SharedInstances:
+    """Instances that share one UV region: each axis is evaluated on one of them.
+
+    faces     (t, f) int32: the face that stands for each face on the t-th instance
+    swapped   (t, f) bool: whether that face has its second and third corners the other way round
+    """
+
+    faces: Int32Array
+    swapped: BoolArray
+
+    @classmethod
+    def from_scene(cls, scene: Scene) -> Self:
+        """Choose up to MAX_INSTANCES of the instances of each region, evenly where there are more."""
+        sharers: dict[int, list[int]] = {}
+        for number, part in enumerate(scene.parts):
+            if part.uv_owner is not None:
+                sharers.setdefault(part.uv_owner, [part.uv_owner]).append(number)
+        count = min(max(map(len, sharers.values()), default=1), MAX_INSTANCES)
+        faces = np.tile(np.arange(len(scene.faces), dtype=np.int32), (count, 1))
+        swapped = np.zeros(faces.shape, bool)
+        for owner, parts in sharers.items():
+            own = scene.parts[owner]
+            chosen = [parts[len(parts) * index // count] for index in range(count)] if len(parts) > count else parts
+            for index in range(count):
+                other = scene.parts[chosen[index % len(chosen)]]
+                faces[index, own.faces] = np.arange(other.start, other.stop)
+                swapped[index, own.faces] = (own.vertices != other.vertices).any(axis=1)
+        return cls(faces, swapped)
+
+    def accumulate(
+        self, tester: VisibilityTester, samples: Samples, axes: Float64Array, group: int, progress: Progress
+    ) -> Float32Array:
+        """Return the visibility sums of the samples along the (a, 3) axes of a group; see VisibilityTester."""
+        count = len(self.faces)
+        if count == 1:
+            return tester.accumulate(samples, axes, progress)
+        # Every second axis, or every eighth, would be an uneven set; by the golden ratio all subsets are even.
+        instance = ((np.arange(len(axes)) * INV_GOLDEN_RATIO + group * INV_GOLDEN_RATIO**2) % 1.0 * count).astype(int)
+        sums = np.zeros((len(samples.faces), 2), np.float32)
+        for index in np.unique(instance).tolist():
+            sums += tester.accumulate(self._on_instance(samples, index), axes[instance == index], progress)
+        return sums
+
+    def _on_instance(self, samples: Samples, index: int) -> Samples:
+        """Move the samples to the same points of another instance."""
+        there = samples.faces >= 0
+        swapped = there & self.swapped[index][samples.faces]
+        weights = np.where(swapped[:, None], samples.weights[:, REVERSED_WINDING], samples.weights)
+        return Samples(np.where(there, self.faces[index][samples.faces], np.int32(-1)), weights)
 
 
 class VisibilitySource(Protocol):
-    """Tells visibility sums; whoever tells them, they are the same."""
+    """Returns the visibility sums of one side's texels, computed in this process or elsewhere, with equal results."""
 
-    def visibility_sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
-        """Return what a run of the side's texels sees along a group of axes, (k, 2) float32; see VisibilityTester.
+    def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
+        """Return the sums of a chunk of the side's texels along one group of axes, (k, 2) float32.
 
-        samples   of the texels `held`, at the spot of the group
-        Groups come in order, and for each the runs in order.
+        samples   of the texels in `chunk`, at the texel offset of the group
+        Called for the groups in order, and for each group for the chunks in order. See VisibilityTester.
         """
         ...
 
 
 class LocalVisibility:
-    """Looks by itself, with the observer of the site's backend."""
+    """Computes visibility in this process, with the backend of the setup."""
 
-    def __init__(self, site: BakeSetup, side: SurfaceSide, shadow_size: int, most: int, progress: Progress) -> None:
-        """Make an observer of up to `most` texels at a time; directions done are counted on `progress`."""
-        self._tester = site.backend.tester(side.surface, most, shadow_size)
-        self._instances = SharedInstances.from_scene(site.inputs.scene)
-        self._site, self._progress = site, progress
+    def __init__(
+        self, setup: BakeSetup, side: SurfaceSide, shadow_size: int, chunk_size: int, progress: Progress
+    ) -> None:
+        """Prepare for up to `chunk_size` texels at a time; directions done are counted on `progress`."""
+        self._tester = setup.backend.tester(side.surface, chunk_size, shadow_size)
+        self._instances = SharedInstances.from_scene(setup.inputs.scene)
+        self._setup, self._progress = setup, progress
 
-    def visibility_sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
-        """See Sight."""
-        axes = self._site.axes[self._site.groups[group]]
+    def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
+        """Return the sums of a chunk of texels; see VisibilitySource."""
+        axes = self._setup.axes[self._setup.groups[group]]
         return self._instances.accumulate(self._tester, samples, axes, group, self._progress)
 
 
 VisibilityFactory = Callable[[BakeSetup, SurfaceSide, int, int, Progress], VisibilitySource]  # see LocalVisibility
 
 
-# From samples to the ambient occlusion of texels: the visibility of one group of axes after the other, summed.
-
-
 @dataclass(frozen=True, eq=False)
 class TexelOcclusion:
-    """What texels see.
+    """The ambient occlusion of one side's texels.
 
     texels           k of them
     values           (k,) float32 in [0, 1]: the mean over the part of each texel that the surface covers
     measured         (k,) bool: texels that have a value
-    reconstruction   holds every sample's value at its place, for the picture of darkness (1 - value) that fits best
-    directions       how many were used
+    reconstruction   every sample at its position in the texture, as darkness (1 - value), to fit an image to
+    directions       number of light directions used
     error            the estimated sampling error of `values`, RMS; None where one group of axes was used
     """
 
@@ -113,35 +172,35 @@ class TexelOcclusion:
     error: float | None
 
 
-def gather(site: BakeSetup, side: SurfaceSide, sight: VisibilitySource, most: int) -> TexelOcclusion:
-    """Gather what a side's texels see along all axes, or fewer where the bake's `target_error` is reached before.
+def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_size: int) -> TexelOcclusion:
+    """Sum the visibility of a side's texels over all axes (Précalcul, sections 1.1.2 and 1.1.3).
 
-    Every group of axes samples the texels at a spot of its own. Even and odd groups are summed apart, as their
-    difference tells the error. At most `most` texels are looked at at a time.
+    Stops after fewer axes where the bake's `target_error` is reached. Each group of axes samples the texels at an
+    offset of its own. Even and odd groups are summed separately: their difference tells the error. At most
+    `chunk_size` texels are processed at a time.
     """
-    scene, atlas, options, texels = site.inputs.scene, site.inputs.atlas, site.inputs.options, side.texels
+    scene, atlas, options, texels = setup.inputs.scene, setup.inputs.atlas, setup.inputs.options, side.texels
     reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats)
-    stands_for = area_per_texel(scene, atlas, texels)
+    face_areas = area_per_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
     used = [0, 0]  # directions of each half
     error = None
-    for number, group in enumerate(site.groups):
+    for number, group in enumerate(setup.groups):
         count = 2 * (group.stop - group.start)
-        for held in chunks(len(texels), most):
-            samples = site.samples(side, held, number)
-            sums = sight.visibility_sums(samples, held, number)
-            halves[number % 2, held] += sums
+        for chunk in chunks(len(texels), chunk_size):
+            samples = setup.samples(side, chunk, number)
+            sums = source.visibility_sums(samples, chunk, number)
+            halves[number % 2, chunk] += sums
             for start in range(0, len(sums), FIT_CHUNK):
-                part = slice(start, start + FIT_CHUNK)
-                some = Samples(samples.faces[part], samples.weights[part])
-                values, measured = estimate(sums[part], count, options.estimator)
-                counts_for = sums[part, 1] if options.estimator == "ratio" else count  # as in the sum of all groups
-                weights = np.where(measured, counts_for * stands_for[some.faces], 0.0)
-                reconstruction.add_samples(
-                    texel_positions(atlas, texels, some), 1.0 - values, weights, texel_offset(number)
-                )
+                rows = slice(start, start + FIT_CHUNK)
+                some = Samples(samples.faces[rows], samples.weights[rows])
+                values, measured = estimate(sums[rows], count, options.estimator)
+                total = sums[rows, 1] if options.estimator == "ratio" else count  # weight as in the sum of all groups
+                weights = np.where(measured, total * face_areas[some.faces], 0.0)
+                positions = texel_positions(atlas, texels, some)
+                reconstruction.add_samples(positions, 1.0 - values, weights, texel_offset(number))
         used[number % 2] += count
-        if number % 2 or group is site.groups[-1]:
+        if number % 2 or group is setup.groups[-1]:
             error = sampling_error(halves, used, options.estimator, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.vertices import unique_rows
+from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 
 

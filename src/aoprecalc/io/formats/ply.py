@@ -19,7 +19,7 @@ from aoprecalc.io.formats.obj.reader import ObjDocument
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
 from aoprecalc.io.outputs import Outputs, relative_path
-from aoprecalc.mesh.vertices import unique_rows
+from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.options import Pack
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Int64Array, Scene
 

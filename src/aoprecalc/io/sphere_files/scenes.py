@@ -9,7 +9,7 @@ import numpy as np
 from aoprecalc.io.formats.gltf.accessors import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 from aoprecalc.io.formats.gltf.writer import glb
-from aoprecalc.mesh.vertices import corners_to_vertices
+from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
 

@@ -12,7 +12,7 @@ from aoprecalc.io.formats.gltf.accessors import GltfBuffer, doubles, raw_rows, v
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, Place
 from aoprecalc.io.formats.gltf.reader import INSTANCING, GltfSource
-from aoprecalc.mesh.vertices import corners_to_vertices
+from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
 # Viewers must support TEXCOORD_0 and TEXCOORD_1 only.

@@ -25,7 +25,7 @@ from aoprecalc.io.formats.obj.reader import ObjDocument
 from aoprecalc.io.formats.obj.writer import Use, material_names, material_use
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
-from aoprecalc.mesh.vertices import corners_to_vertices
+from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.options import Pack
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 

@@ -16,7 +16,7 @@ from aoprecalc.io.formats.obj.reader import ObjDocument, Section, statement
 from aoprecalc.io.formats.ply import PlyDocument
 from aoprecalc.io.formats.polygons import Faces, Polygons
 from aoprecalc.io.outputs import Outputs, relative_path
-from aoprecalc.mesh.vertices import unique_rows
+from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.options import Pack
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
 
