@@ -1,7 +1,11 @@
-"""Both ends of a child process, for work that cannot be interrupted or that a fault of its own may stop for ever.
+"""Start, watch, time out and end child processes; both ends of the two ways to talk to one.
 
-The child reads one request from standard input and writes one answer to standard output. On standard error it says each
-step that it comes to, one a line, and where it fails, last of all why.
+`ask`          one request on standard input, one answer on standard output; on standard error the child reports each
+               step that it begins and, if it fails, why. For the unwrappers and for the probes of `doctor`: work that
+               cannot be interrupted, or that a driver may crash or hang
+`DuplexChild`  a long-lived child that answers requests over a connection, with `serve` at its end. For batch workers
+
+Every child runs a module of this package, or a test's program, and is killed when its parent gives up, fails or dies.
 """
 
 import ctypes
@@ -10,102 +14,263 @@ import re
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from tempfile import TemporaryFile
+from types import TracebackType
+from typing import Any
 
-StepCallback = Callable[[str], None]  # is called with the step under way, again and again; what it raises ends the work
+StepCallback = Callable[[str], None]
 
-POLL = 0.05  # seconds between two looks at the work
+POLL_SECONDS = 0.05  # between two checks of a child, its deadline and a request to stop
 FIRST_STEP = "starting"
 
-# What a thread written in Rust says before it dies, and the others wait for it: where, and on the next line why.
-_PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
-
-_KILLS = ("SIGKILL", "SIGTERM", "SIGINT")  # come from outside, whatever the work is
-
-_STEP = "step: "  # begins the lines that are steps
+_STEP_PREFIX = "step: "  # of lines on standard error that report a step
+_LOG_TAIL = 2000  # bytes of a long-lived child's log that are read to explain its death
+_KILLS = [getattr(signal, name, None) for name in ("SIGKILL", "SIGTERM", "SIGINT")]  # sent by others
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
-
-def command(module: str, *words: str) -> list[str]:
-    """Return the command line of a child that runs a module of this package."""
-    return [sys.executable, "-P", "-m", module, *words]  # -P: no modules of the current folder
-
-
-def environment() -> dict[str, str]:
-    """Return the variables with which a child finds what this process found."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+# What Rust prints when a thread panics (where, and on the next line why); other threads may wait for it for ever.
+_PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
 
 
 class ChildKilledError(ChildProcessError):
-    """The child was killed from outside, such as by a system that is out of memory."""
+    """The child was killed from outside, for instance by a system that is out of memory."""
 
 
-def ask(command: list[str], request: bytes, look: StepCallback) -> bytes:
-    """Return the child's answer; the child is gone when this returns or raises, whatever it raises.
+class ChildTimeoutError(Exception):
+    """The child did not answer in time.
 
-    Raises ChildProcessError with the reason, one line, where the child fails, ChildKilledError where it was killed.
+    step   the last step that it reported
     """
-    with TemporaryFile() as file:  # no pipe: `communicate` does not go on writing to one after a pause
-        file.write(request)
-        file.seek(0)
-        child = subprocess.Popen(command, stdin=file, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
+
+    def __init__(self, seconds: float, step: str) -> None:
+        """Name the limit and the step."""
+        super().__init__(f"no answer within {seconds:g} s")
+        self.step = step
+
+
+class ChildStoppedError(Exception):
+    """The `stop` event was set before the child answered."""
+
+
+def command(module: str, *arguments: str) -> list[str]:
+    """Return the command line of a child that runs a module of this package."""
+    return [sys.executable, "-P", "-m", module, *arguments]  # -P: import nothing from the current folder
+
+
+def ask(
+    command: list[str],
+    request: bytes = b"",
+    on_step: StepCallback | None = None,
+    *,
+    timeout: float | None = None,
+    stop: threading.Event | None = None,
+) -> bytes:
+    """Return the answer of a child to one request; the child has ended when this returns or raises.
+
+    on_step   called every POLL_SECONDS with the child's current step; may raise to end the child
+    timeout   seconds until the child is killed; None: no limit
+    stop      kills the child when it is set
+    Raises ChildProcessError with a one-line reason if the child fails, ChildKilledError if it was killed,
+    ChildTimeoutError, ChildStoppedError.
+    """
+    limits = _Limits(timeout, stop)
+    with TemporaryFile() as stdin:  # not a pipe: `communicate` does not resume writing to one after a time-out
+        stdin.write(request)
+        stdin.seek(0)
+        child = _Child(command, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     with child:
+        while True:
+            try:
+                answer, log = child.communicate(timeout=POLL_SECONDS)
+                break
+            except subprocess.TimeoutExpired as pause:  # the next call returns all output, this part included
+                log = pause.stderr or b""
+            if panic := _PANIC.search(log):
+                raise ChildProcessError(f"a fault inside it ({panic[1].decode(errors='replace').strip()})")
+            step = _parse_log(log)[0]
+            if on_step is not None:
+                on_step(step)
+            limits.check(step)
+    if child.returncode == 0:
+        return answer
+    step, message = _parse_log(log)
+    if child.returncode > 0:
+        raise ChildProcessError(message or exit_reason(child.returncode))
+    raise (ChildKilledError if -child.returncode in _KILLS else ChildProcessError)(
+        f"{exit_reason(child.returncode)} ended it at step: {step}"
+    )
+
+
+class DuplexChild:
+    """A long-lived child process, started at once, that answers one request after the other.
+
+    Its standard output and standard error go to a log, as the parent's are for results and progress. It leads a process
+    group of its own: Ctrl-C does not reach it, and `close` ends what it has started, too.
+    """
+
+    def __init__(self, module: str) -> None:
+        """Start a module that calls `serve`; raises OSError if no process can be started."""
+        self._connection, remote = Pipe()
+        self._log = TemporaryFile()  # noqa: SIM115 - open as long as the process
+        arguments = str(remote.fileno()), str(os.getpid())
         try:
-            answer, said = _listen(child, look)
-        except BaseException:
-            child.kill()
-            child.wait()  # `with` alone does not, after a Ctrl-C
+            self._process = _Child(
+                command(module, *arguments),
+                stdin=subprocess.DEVNULL,
+                stdout=self._log,
+                stderr=self._log,
+                pass_fds=[remote.fileno()],
+                own_group=True,
+            )
+        except OSError:
+            self._connection.close()
+            self._log.close()
             raise
-    if child.returncode != 0:
-        killed = child.returncode < 0 and signal.Signals(-child.returncode).name in _KILLS
-        kind = ChildKilledError if killed else ChildProcessError
-        raise kind(_reason(child.returncode, said))
-    return answer
+        finally:
+            remote.close()
 
+    @property
+    def pid(self) -> int:
+        """The number of the process."""
+        return self._process.pid
 
-def _listen(child: "subprocess.Popen[bytes]", look: StepCallback) -> tuple[bytes, bytes]:
-    """Return all that the child writes to standard output and standard error, neither of which fills up meanwhile."""
-    while True:
+    def is_alive(self) -> bool:
+        """Tell whether the process runs."""
+        return self._process.poll() is None
+
+    def request(
+        self, message: Any, on_step: StepCallback, *, timeout: float | None = None, stop: threading.Event | None = None
+    ) -> Any:
+        """Send a message and return the answer: the first object in return that is not a text.
+
+        on_step   called with each text, the step that the child begins
+        Raises ChildProcessError with a one-line reason if the child dies, ChildTimeoutError, ChildStoppedError; after
+        any of them only `close` is of use.
+        """
+        limits, step = _Limits(timeout, stop), FIRST_STEP
         try:
-            return child.communicate(timeout=POLL)
-        except subprocess.TimeoutExpired as pause:  # nothing is lost: the next call returns it all
-            said = pause.stderr or b""
-            if panic := _PANIC.search(said):
-                reason = panic[1].decode(errors="replace").strip()
-                raise ChildProcessError(f"a fault inside it ({reason})") from pause
-            look(_heard(said)[0])
+            self._connection.send(message)
+            while True:
+                if not self._connection.poll(POLL_SECONDS):
+                    limits.check(step)
+                elif isinstance(answer := self._connection.recv(), str):
+                    on_step(step := answer)
+                else:
+                    return answer
+        except (EOFError, OSError) as error:  # the connection ends with the process
+            raise self._death() from error
+
+    def close(self) -> None:
+        """End the process and all that it has started."""
+        self._process.end()
+        self._connection.close()
+        self._log.close()
+
+    def _death(self) -> ChildProcessError:
+        status = self._process.wait()
+        self._log.seek(max(0, self._log.seek(0, os.SEEK_END) - _LOG_TAIL))
+        line = _parse_log(self._log.read())[1]
+        reason = exit_reason(status) + (f"; its last output is {line[:160]!r}" if line else "")
+        return (ChildKilledError if -status in _KILLS else ChildProcessError)(reason)
 
 
-def _heard(said: bytes) -> tuple[str, str]:
-    """Return the last step and the last other line of what a child has said so far."""
+def exit_reason(status: int) -> str:
+    """Return an exit status, or the signal that ended a process (a negative one), in words."""
+    if status >= 0:
+        return f"exit status {status}"
+    hint = "; the system may be out of memory" if status == -signal.SIGKILL else ""
+    return f"signal {-status} ({signal.strsignal(-status)}{hint})"
+
+
+class _Child(subprocess.Popen[bytes]):
+    """A process that is killed at the end of a `with` block, if it still runs."""
+
+    def __init__(self, command: list[str], *, own_group: bool = False, **options: Any) -> None:
+        """Start it with the import path of this process; `own_group`: as the leader of a new process group."""
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        super().__init__(command, env=environment, start_new_session=own_group, **options)
+        self._own_group = own_group
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Kill it; without that, the base class would wait for it."""
+        self.end()
+        super().__exit__(kind, error, trace)
+
+    def end(self) -> None:
+        """Kill the process, with its group if it leads one, and wait until it has ended."""
+        if self._own_group:
+            with suppress(ProcessLookupError):  # the whole group has ended
+                os.killpg(self.pid, signal.SIGKILL)
+        else:
+            self.kill()
+        self.wait()
+
+
+class _Limits:
+    """A deadline and a stop event."""
+
+    def __init__(self, timeout: float | None, stop: threading.Event | None) -> None:
+        """Start the clock."""
+        self._timeout, self._stop = timeout, stop
+        self._started = time.monotonic()
+
+    def check(self, step: str) -> None:
+        """Raise ChildStoppedError or ChildTimeoutError if a limit is reached; `step` is where the child is."""
+        if self._stop is not None and self._stop.is_set():
+            raise ChildStoppedError("was stopped")
+        if self._timeout is not None and time.monotonic() - self._started > self._timeout:
+            raise ChildTimeoutError(self._timeout, step)
+
+
+def _parse_log(log: bytes) -> tuple[str, str]:
+    """Return the last step and the last other line of what a child has written to standard error."""
     step, other = FIRST_STEP, ""
-    for line in said.decode(errors="replace").splitlines():
-        if line.startswith(_STEP):
-            step = line.removeprefix(_STEP)
+    for line in log.decode(errors="replace").splitlines():
+        if line.startswith(_STEP_PREFIX):
+            step = line.removeprefix(_STEP_PREFIX)
         elif line.strip():
             other = line.strip()
     return step, other
 
 
-def _reason(status: int, said: bytes) -> str:
-    step, last = _heard(said)
-    if status >= 0:
-        return last or f"exit status {status}"
-    hint = ", as a system does that is out of memory; free some" if status == -signal.SIGKILL else ""
-    return f"signal {-status} ({signal.strsignal(-status)}) ended it at: {step}{hint}"
+# The child's end.
 
 
-def say_step(step: str) -> None:
-    """In the child: say what comes next."""
-    print(f"{_STEP}{step}", file=sys.stderr, flush=True)
+def report_step(step: str) -> None:
+    """In a child of `ask`: report the step that begins."""
+    print(f"{_STEP_PREFIX}{step}", file=sys.stderr, flush=True)
 
 
 def end_with_parent() -> None:
-    """In the child, before its first step: be killed when the parent dies, even of SIGKILL.
+    """In a child, before its first step: have Linux kill it when the parent dies, even of SIGKILL.
 
-    A thread that watches the parent would not do: it gets no turn while the work holds the interpreter. Where the
-    parent is dead already, and on systems other than Linux, the child ends at its next step: nobody hears it.
+    A thread that watches the parent would not do: it does not run while the work holds the interpreter lock. If the
+    parent is dead already, and on other systems, the child ends at its next step, as its standard error is closed.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def serve(answer: Callable[[Any, StepCallback], Any]) -> None:
+    """In a DuplexChild: answer requests until the parent closes the connection or dies.
+
+    answer   called with each request and with a callback for steps; returns the answer, which is not a text
+    """
+    end_with_parent()
+    if os.getppid() != int(sys.argv[2]):  # the parent died before that
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C ends
+    connection = Connection(int(sys.argv[1]))
+    try:
+        while True:
+            connection.send(answer(connection.recv(), connection.send))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return

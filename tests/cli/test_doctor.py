@@ -62,7 +62,7 @@ def refuses(why="eglInitialize failed (0x3001)"):
 
 
 def crashes():
-    return probing.Answer(fault="signal 11 (Segmentation fault) ended it at: starting", deadly=True)
+    return probing.Answer(fault="signal 11 (Segmentation fault) ended it at step: starting", deadly=True)
 
 
 def found(*opengl, rays):
@@ -155,7 +155,7 @@ def python(program):
     ],
 )
 def test_a_probe_that_answers_or_crashes(program, answer):
-    assert probing.examine_all([python(program)]) == [answer]
+    assert probing.run_probes([python(program)]) == [answer]
 
 
 def test_a_probe_that_hangs_is_ended_and_the_others_are_heard(tmp_path):
@@ -165,7 +165,7 @@ def test_a_probe_that_hangs_is_ended_and_the_others_are_heard(tmp_path):
         "import os, pathlib, signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
         f"pathlib.Path({str(note)!r}).write_text(str(os.getpid())); time.sleep(600)"
     )
-    answers = probing.examine_all([python(hangs), python("print('{}')")], patience=3)
+    answers = probing.run_probes([python(hangs), python("print('{}')")], timeout=3)
     assert answers == [probing.Answer(fault="it hangs: no answer within 3 s", deadly=True), probing.Answer()]
     with pytest.raises(ProcessLookupError):
         os.kill(int(note.read_text()), 0)
@@ -201,7 +201,7 @@ def test_a_self_test_with_too_great_an_error_is_said_and_the_code_is_one(monkeyp
         "passed": False,
         "seconds": 1.0,
     }
-    monkeypatch.setattr(checkup, "examine_all", lambda commands, patience: [probing.Answer(measured)])
+    monkeypatch.setattr(checkup, "run_probes", lambda commands, patience: [probing.Answer(measured)])
     done = CliRunner().invoke(command, [])
     assert isinstance(done.exception, AoprecalcError)
     assert done.exception.exit_code == 1

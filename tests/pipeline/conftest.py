@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.cli import main
-from aoprecalc.pipeline.jobs import work
+from aoprecalc.pipeline.jobs import run_job
 from aoprecalc.pipeline.workers import JobEvent
 
 
@@ -27,7 +27,7 @@ class InThisProcess:
     def run(self, jobs):
         for job in jobs:
             self.jobs.append(job.name)
-            yield JobEvent(job, outcome=work(job, self.stages.append))
+            yield JobEvent(job, outcome=run_job(job, self.stages.append))
 
 
 @pytest.fixture

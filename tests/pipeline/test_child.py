@@ -19,9 +19,9 @@ pytestmark = [
 
 
 @pytest.fixture
-def child():
-    with closing(WorkerProcess()) as child:
-        yield child
+def worker():
+    with closing(WorkerProcess()) as worker:
+        yield worker
 
 
 def job(folder, name, spec=None):
@@ -51,9 +51,9 @@ def gone(pid):
         return True
 
 
-def test_a_job_is_done_and_its_stages_are_told(child, tmp_path):
+def test_a_job_is_done_and_its_stages_are_told(worker, tmp_path):
     stages = []
-    made = child.run(job(tmp_path, "ring", JobSpec(BAKE, SPHERES)), stages.append)
+    made = worker.run(job(tmp_path, "ring", JobSpec(BAKE, SPHERES)), stages.append)
     assert isinstance(made, Success)
     assert sorted(made.files) == ["ring_ao.mtl", "ring_ao.obj", "ring_ao.png", "ring_report.json", "ring_spheres.json"]
     assert all(file.parent == tmp_path / "staging" and file.is_file() for file in made.files.values())
@@ -63,52 +63,52 @@ def test_a_job_is_done_and_its_stages_are_told(child, tmp_path):
 
 
 DEATHS = {
-    "killed": "Killed, as a system does that is out of memory: use fewer --jobs or a smaller size",
-    "crashed": "Segmentation fault",
-    "left": "exit status 3; it said 'no wood; plant trees'",
+    "killed": "signal 9 (Killed; the system may be out of memory); use fewer --jobs or a smaller size",
+    "crashed": "signal 11 (Segmentation fault)",
+    "left": "exit status 3; its last output is 'no wood; plant trees'",
 }
 
 
 @pytest.mark.parametrize("name", DEATHS)
-def test_a_process_that_dies_is_tried_again_and_then_a_failure(name, child, tmp_path):
+def test_a_process_that_dies_is_tried_again_and_then_a_failure(name, worker, tmp_path):
     stages, dying = [], job(tmp_path, name)
-    failure = child.run(dying, stages.append, retries=1)
+    failure = worker.run(dying, stages.append, retries=1)
     assert isinstance(failure, Failure)
     assert (failure.kind, failure.exit_code) == ("crash", 1)
-    assert failure.message == f"in/{name}.obj: its process died ({DEATHS[name]})"
+    assert failure.message == f"in/{name}.obj: its process died: {DEATHS[name]}"
     assert tries(dying) == 2
     assert any(stage.startswith("again") for stage in stages)
-    assert isinstance(child.run(job(tmp_path, "ring"), stages.append), Success)
+    assert isinstance(worker.run(job(tmp_path, "ring"), stages.append), Success)
 
 
-def test_what_is_not_tried_again_is_not_said_to_be(child, tmp_path):
+def test_what_is_not_tried_again_is_not_said_to_be(worker, tmp_path):
     stages, dying = [], job(tmp_path, "crashed")
-    child.run(dying, stages.append, retries=0)
+    worker.run(dying, stages.append, retries=0)
     assert tries(dying) == 1
     assert not any(stage.startswith("again") for stage in stages)
 
 
-def test_the_second_try_may_do_it(child, tmp_path):
+def test_the_second_try_may_do_it(worker, tmp_path):
     once = job(tmp_path, "once")
-    made = child.run(once, lambda stage: None, retries=1)
+    made = worker.run(once, lambda stage: None, retries=1)
     assert isinstance(made, Success)
     assert tries(once) == 2
     assert list(made.files) == ["once_spheres.json"]
 
 
-def test_what_is_refused_is_not_tried_again(child, tmp_path):
+def test_what_is_refused_is_not_tried_again(worker, tmp_path):
     refused = job(tmp_path, "ring")
     refused.mesh.write_text("")
-    failure = child.run(refused, lambda stage: None, retries=3)
+    failure = worker.run(refused, lambda stage: None, retries=3)
     assert (failure.kind, failure.exit_code) == ("error", 4)
     assert failure.message.startswith("in/ring.obj: is empty")
     assert tries(refused) == 1
     assert list((tmp_path / "staging").iterdir()) == []
 
 
-def test_a_fault_of_ours_is_one_line_with_its_traceback_apart(child, tmp_path):
+def test_a_fault_of_ours_is_one_line_with_its_traceback_apart(worker, tmp_path):
     faulty = job(tmp_path, "faulty")
-    failure = child.run(faulty, lambda stage: None, retries=3)
+    failure = worker.run(faulty, lambda stage: None, retries=3)
     assert (failure.kind, failure.exit_code) == ("error", 1)
     said = "ZeroDivisionError: in in/faulty.obj of two lines"
     assert failure.message == f"in/faulty.obj: {said}; this is a fault of aoprecalc"
@@ -116,29 +116,29 @@ def test_a_fault_of_ours_is_one_line_with_its_traceback_apart(child, tmp_path):
     assert tries(faulty) == 1
 
 
-def test_what_libraries_print_disturbs_nothing(child, tmp_path, capfd):
-    assert isinstance(child.run(job(tmp_path, "loud"), lambda stage: None), Success)
+def test_what_libraries_print_disturbs_nothing(worker, tmp_path, capfd):
+    assert isinstance(worker.run(job(tmp_path, "loud"), lambda stage: None), Success)
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_time_out_ends_the_process_and_its_own_children(child, tmp_path):
-    child.run(job(tmp_path, "ring"), lambda stage: None)  # it has begun, so that the time is that of the job alone
+def test_a_time_out_ends_the_process_and_its_own_children(worker, tmp_path):
+    worker.run(job(tmp_path, "ring"), lambda stage: None)  # it has begun, so that the time is that of the job alone
     endless = job(tmp_path, "endless")
-    failure = child.run(endless, lambda stage: None, timeout=2, retries=3)
+    failure = worker.run(endless, lambda stage: None, timeout=2, retries=3)
     assert failure.kind == "timeout"
     assert failure.message == "in/endless.obj: took longer than 2 s; allow more (--timeout) or ask for less"
     assert tries(endless) == 1
     for pid in pids(endless):
         wait_until(lambda pid=pid: gone(pid))
-    assert isinstance(child.run(job(tmp_path, "ring"), lambda stage: None), Success)
+    assert isinstance(worker.run(job(tmp_path, "ring"), lambda stage: None), Success)
 
 
-def test_stopping_ends_the_process_and_its_own_children(child, tmp_path):
+def test_stopping_ends_the_process_and_its_own_children(worker, tmp_path):
     endless, outcomes, stop = job(tmp_path, "endless"), [], threading.Event()
-    thread = threading.Thread(target=lambda: outcomes.append(child.run(endless, lambda stage: None, stop=stop)))
+    thread = threading.Thread(target=lambda: outcomes.append(worker.run(endless, lambda stage: None, stop=stop)))
     thread.start()
     begun = pids(endless)
-    child.close_if_idle()  # which it is not
+    worker.close_if_idle()  # which it is not
     assert not any(map(gone, begun))
     stop.set()
     thread.join()
@@ -148,13 +148,13 @@ def test_stopping_ends_the_process_and_its_own_children(child, tmp_path):
 
 
 def test_a_worker_ends_when_it_is_closed(tmp_path):
-    child = WorkerProcess()
-    child.run(job(tmp_path, "ring"), lambda stage: None)
-    pid = child._process.pid
+    worker = WorkerProcess()
+    worker.run(job(tmp_path, "ring"), lambda stage: None)
+    pid = worker._child.pid
     assert not gone(pid)
-    child.close()
+    worker.close()
     assert gone(pid)
-    child.close()
+    worker.close()
 
 
 def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
@@ -176,18 +176,18 @@ def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
     assert outcomes["a"].message == "in/a.obj: its process could not be used (ValueError: no such thing here)"
 
 
-def test_an_idle_process_goes(child, tmp_path):
-    assert isinstance(child.run(job(tmp_path, "a"), print), Success)
-    process = child._process.pid
-    child.close_after(0.1)
+def test_an_idle_process_goes(worker, tmp_path):
+    assert isinstance(worker.run(job(tmp_path, "a"), print), Success)
+    process = worker._child.pid
+    worker.close_after(0.1)
     wait_until(lambda: not Path(f"/proc/{process}").exists())
-    assert isinstance(child.run(job(tmp_path, "a"), print), Success)
+    assert isinstance(worker.run(job(tmp_path, "a"), print), Success)
 
 
-def test_a_process_that_is_used_again_stays(child, tmp_path):
-    child.run(job(tmp_path, "a"), print)
-    process = child._process.pid
-    child.close_after(3600)
-    child.run(job(tmp_path, "a"), print)
-    assert child._process.pid == process
-    assert not child._alarm.is_alive() or child._alarm.finished.is_set()
+def test_a_process_that_is_used_again_stays(worker, tmp_path):
+    worker.run(job(tmp_path, "a"), print)
+    process = worker._child.pid
+    worker.close_after(3600)
+    worker.run(job(tmp_path, "a"), print)
+    assert worker._child.pid == process
+    assert not worker._idle_timer.is_alive() or worker._idle_timer.finished.is_set()

@@ -270,10 +270,10 @@ def test_workers_that_die_cost_their_assets_alone(here):
     assert {name for name, entry in found.items() if entry["status"] == "failed"} == {"killed", "crashed"}
     assert found["crashed"]["error"] == {
         "kind": "crash",
-        "message": "in/crashed.obj: its process died (Segmentation fault)",
+        "message": "in/crashed.obj: its process died: signal 11 (Segmentation fault)",
         "exit_code": 1,
     }
-    assert found["killed"]["error"]["message"].startswith("in/killed.obj: its process died (Killed, ")
+    assert found["killed"]["error"]["message"].startswith("in/killed.obj: its process died: signal 9 (Killed; ")
     assert {name.split("_")[0] for name in contents(here / "out")} == {"a", "once", "z", "props/b"}
 
 

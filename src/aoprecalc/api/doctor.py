@@ -1,7 +1,6 @@
 """What this machine can render with: each renderer is tried in a process of its own, which it may crash or hang."""
 
 import json
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -12,10 +11,10 @@ from aoprecalc import __version__
 from aoprecalc.gl.context import CANDIDATES, INSTALLS, VERSION, Candidate
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.progress import Progress, Stopwatch
-from aoprecalc.subprocesses import ask, command
+from aoprecalc.subprocesses import ChildStoppedError, ChildTimeoutError, ask, command
 from aoprecalc.system import EXTRAS, LIBRARIES, environment, machine, versions
 
-PATIENCE = 20.0  # seconds that a probe may take; it needs a tenth of one
+PROBE_SECONDS = 20.0  # that a probe may take; it needs a tenth of one
 
 
 @dataclass(frozen=True)
@@ -47,37 +46,33 @@ class Found:
 
 def probe_all() -> Found:
     """Try every EGL device, OSMesa and Embree, at the same time."""
-    count, osmesa, rays = examine_all([_child("count"), _child("osmesa"), _child("rays")])
+    count, osmesa, rays = run_probes([_child("count"), _child("osmesa"), _child("rays")])
     # Without a number the first device is tried, if only for the reason that a bake would give.
     there = max(1, count.facts.get("devices", 1))
     devices = [candidate for candidate in CANDIDATES if candidate.kind == "egl"][:there]
-    answers = examine_all([_child("egl", str(candidate.device)) for candidate in devices])
+    answers = run_probes([_child("egl", str(candidate.device)) for candidate in devices])
     others = [(candidate, osmesa) for candidate in CANDIDATES if candidate.kind == "osmesa"]
     return Found((*zip(devices, answers, strict=True), *others), rays)
 
 
-def examine_all(commands: Sequence[list[str]], patience: float = PATIENCE) -> list[Answer]:
-    """Return what each of the commands answers; they run at the same time, and none is left when this returns."""
-    over = Event()
+def run_probes(commands: Sequence[list[str]], timeout: float = PROBE_SECONDS) -> list[Answer]:
+    """Return the answer of each command; they run at the same time, and none runs on after this returns or raises."""
+    stop = Event()
     with ThreadPoolExecutor(len(commands)) as pool:
-        asked = [pool.submit(_examine, command, patience, over) for command in commands]
+        futures = [pool.submit(_probe, command, timeout, stop) for command in commands]
         try:
-            return [answer.result() for answer in asked]
+            return [future.result() for future in futures]
         finally:
-            over.set()  # after a Ctrl-C, which only this thread hears of
+            stop.set()  # Ctrl-C raises in this thread alone
 
 
-def _examine(command: list[str], patience: float, over: Event) -> Answer:
-    """Return what a command answers: one line of JSON, the last on its standard output."""
-    started = time.monotonic()
-
-    def look(step: str) -> None:
-        if over.is_set() or time.monotonic() - started > patience:
-            raise TimeoutError(f"it hangs: no answer within {patience:g} s")
-
+def _probe(command: list[str], timeout: float, stop: Event) -> Answer:
+    """Return the answer of one probe: a line of JSON, the last on its standard output."""
     try:
-        facts = json.loads(ask(command, b"", look).splitlines()[-1])
-    except (ChildProcessError, TimeoutError) as error:
+        facts = json.loads(ask(command, timeout=timeout, stop=stop).splitlines()[-1])
+    except ChildTimeoutError as error:
+        return Answer(fault=f"it hangs: {error}", deadly=True)
+    except (ChildProcessError, ChildStoppedError) as error:
         return Answer(fault=str(error), deadly=True)
     except (ValueError, IndexError):
         return Answer(fault="it ended without an answer", deadly=True)
@@ -93,7 +88,7 @@ def _child(*request: str) -> list[str]:
 
 
 _TRIAL = command("aoprecalc.api.self_test")
-_PATIENCE = 60.0  # seconds that the self-test may take; two are plenty on two cores
+_SELF_TEST_SECONDS = 60.0  # that the self-test may take; two are plenty on two cores
 _OPENGL = f"OpenGL {VERSION[0]}.{VERSION[1]}"
 _WHY = {
     "gl": f"the first that makes an {_OPENGL} context",
@@ -168,7 +163,7 @@ def _choice(found: Found) -> tuple[dict[str, Any] | None, Answer]:
 
 def _trial() -> dict[str, Any]:
     """Return what the self-test measured; `fault` says why where it could not."""
-    (answer,) = examine_all([_TRIAL], _PATIENCE)
+    (answer,) = run_probes([_TRIAL], _SELF_TEST_SECONDS)
     return {"passed": False, **answer.facts, "fault": answer.fault or None}
 
 

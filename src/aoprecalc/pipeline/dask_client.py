@@ -30,8 +30,7 @@ from aoprecalc.pipeline.dask_worker import (
     run_on_bytes,
     worker_info,
 )
-from aoprecalc.pipeline.jobs import Failure, Job, Outcome
-from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
+from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilitySums, VisibilityTask
 from aoprecalc.pipeline.workers import JobEvent
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
@@ -199,7 +198,7 @@ def _inputs(job: Job) -> dict[str, bytes]:
 
 
 def _lost(job: Job, reason: str) -> Failure:
-    found = f"{job.shown}: the cluster was lost ({' '.join(reason.split())[:200]})"
+    found = f"{job.label}: the cluster was lost ({' '.join(reason.split())[:200]})"
     return Failure("crash", f"{found}; see to its scheduler and workers, and run the same command again")
 
 
@@ -219,7 +218,7 @@ def _outcome(job: Job, future: Any) -> Outcome:
         for name, data in contents.items():
             (job.staging / name).write_bytes(data)
     except OSError as error:
-        return Failure("error", f"{job.shown}: its files cannot be written here ({error}); check the disk")
+        return Failure("error", f"{job.label}: its files cannot be written here ({error}); check the disk")
     return replace(outcome, files={name: job.staging / name for name in contents})
 
 

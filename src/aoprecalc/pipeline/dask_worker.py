@@ -13,8 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 from aoprecalc import __version__
-from aoprecalc.pipeline.jobs import Failure, Job, Outcome
-from aoprecalc.pipeline.visibility_task import VisibilitySums, VisibilityTask
+from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilitySums, VisibilityTask
 from aoprecalc.pipeline.workers import WorkerProcess
 from aoprecalc.system import whole_cores
 
@@ -81,7 +80,7 @@ def worker_info(folder: str, dask_worker: Any = None) -> WorkerInfo:
 def run_in_shared_folder(job: Job, terms: BatchSettings) -> Outcome:
     """Do a job on files that this machine sees under the same paths."""
     if not job.staging.parent.is_dir():
-        return Failure("error", f"{job.shown}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
+        return Failure("error", f"{job.label}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
     return cast(Outcome, _ask(job, terms))
 
 
@@ -106,7 +105,7 @@ def run_on_bytes(job: Job, inputs: dict[str, bytes], terms: BatchSettings) -> tu
 
 def evaluate_remotely(glance: VisibilityTask, subject: bytes, terms: BatchSettings) -> VisibilitySums | Failure:
     """Look where a glance says, at a subject that is sent by itself, once for all glances."""
-    return cast(VisibilitySums | Failure, _ask(replace(glance, subject=subject), terms))
+    return cast(VisibilitySums | Failure, _ask(replace(glance, inputs=subject), terms))
 
 
 def end(batch: str) -> None:
@@ -122,9 +121,9 @@ def _ask(request: Job | VisibilityTask, terms: BatchSettings) -> Any:
     party = _batches.setdefault(terms.batch, _BatchProcesses())
     if terms.version != __version__:
         here = f"{socket.gethostname()} has aoprecalc {__version__}"
-        return Failure("error", f"{request.shown}: {here}, {terms.version} was expected; install the same everywhere")
+        return Failure("error", f"{request.label}: {here}, {terms.version} was expected; install the same everywhere")
     if party.stop.is_set():
-        return Failure("stopped", f"{request.shown}: was stopped")
+        return Failure("stopped", f"{request.label}: was stopped")
     child = party.children.setdefault(threading.get_ident(), WorkerProcess())
     try:
         return child.run(request, lambda stage: None, timeout=terms.timeout, retries=terms.retries, stop=party.stop)

@@ -15,6 +15,7 @@ from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.progress import Progress
+from aoprecalc.types import Float32Array
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 
 
@@ -79,21 +80,21 @@ class Job:
 
     name      of the asset
     mesh      its file, absolute
-    shown     the same as messages and reports call it
+    label     the same as messages and reports call it
     folder    where its files are to go, absolute, and their names begin with `stem`
     staging   where they are written, of the same file system
     spec      what is made
-    spread    address of the scheduler over whose workers the visibility is spread; None: it is not
+    scheduler   address of the Dask scheduler whose workers evaluate its visibility; None: its own process does
     """
 
     name: str
     mesh: Path
-    shown: str
+    label: str
     folder: Path
     stem: str
     staging: Path
     spec: JobSpec
-    spread: str | None = None
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,38 @@ class Failure:
 Outcome = Success | Failure
 
 
+@dataclass(frozen=True, eq=False)
+class VisibilityTask:
+    """Part of the visibility of a bake, for a worker of a cluster: one chunk of texels, one group of axes.
+
+    label         of the job, for messages
+    bake_id       of the bake; the same for all of its tasks
+    inputs        the BakeInputs, pickled
+    side, group   indices into the sides and the groups of axes of the BakeSetup
+    start, stop   the chunk, a range of the side's texels
+    chunk_size    texels of the longest chunk of any task of the bake
+    shadow_size   width and height of a depth map in texels
+    """
+
+    label: str
+    bake_id: str
+    inputs: bytes
+    side: int
+    group: int
+    start: int
+    stop: int
+    chunk_size: int
+    shadow_size: int
+
+
+@dataclass(frozen=True, eq=False)
+class VisibilitySums:
+    """The visibility sums of a task, (stop - start, 2) float32, and the seconds that they took."""
+
+    sums: Float32Array
+    seconds: float = 0.0
+
+
 class JobProgress(Progress):
     """Tells which stage a job is at, and keeps its warnings."""
 
@@ -156,7 +189,7 @@ def local_visibility(job: Job) -> AbstractContextManager[VisibilityFactory]:
     return nullcontext(LocalVisibility)
 
 
-def work(
+def run_job(
     job: Job,
     tell: Callable[[str], None],
     sight_of: Callable[[Job], AbstractContextManager[VisibilityFactory]] = local_visibility,
@@ -172,12 +205,12 @@ def work(
         kind: FailureKind = "crash" if isinstance(error, KilledError) else "error"
         return Failure(kind, _shown(job, str(error)), error.exit_code)
     except MemoryError:
-        return Failure("error", f"{job.shown}: out of memory; use a smaller size or fewer --jobs")
+        return Failure("error", f"{job.label}: out of memory; use a smaller size or fewer --jobs")
     except OSError as error:
-        return Failure("error", f"{job.shown}: reading or writing failed ({_shown(job, str(error))}); check the disk")
+        return Failure("error", f"{job.label}: reading or writing failed ({_shown(job, str(error))}); check the disk")
     except Exception as error:
         said = _shown(job, f"{type(error).__name__}: {error}")
-        return Failure("error", f"{job.shown}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
+        return Failure("error", f"{job.label}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
 
 
 def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> Success:
@@ -243,7 +276,7 @@ def _of_bake(report: dict[str, Any]) -> dict[str, Any]:
 
 def _shown(job: Job, text: str) -> str:
     """Return a message with the paths that the user knows."""
-    return _called(job.shown, job, text)
+    return _called(job.label, job, text)
 
 
 def _called(name: str, job: Job, text: str) -> str:

@@ -98,12 +98,12 @@ class ResultStore(AbstractContextManager["ResultStore"]):
         return Job(
             name=asset.name,
             mesh=Path(os.path.abspath(asset.mesh)),
-            shown=str(asset.mesh),
+            label=str(asset.mesh),
             folder=Path(os.path.abspath(folder)),
             stem=asset.stem,
             staging=Path(os.path.abspath(staging)),
             spec=asset.spec.with_threads(threads),
-            spread=self._options.scheduler if self._options.split else None,
+            scheduler=self._options.scheduler if self._options.split else None,
         )
 
     def take(self, task: PendingAsset, job: Job, outcome: Outcome) -> AssetResult:
@@ -112,7 +112,7 @@ class ResultStore(AbstractContextManager["ResultStore"]):
             if isinstance(outcome, Failure):
                 return _failed(task.asset, outcome)
             if not InputFiles.of(task.asset.mesh).same_as(task.inputs):
-                found = f"{job.shown}: was changed while it was worked on"
+                found = f"{job.label}: was changed while it was worked on"
                 return _failed(task.asset, Failure("error", f"{found}; run the batch again", seconds=outcome.seconds))
             self._keep(task, outcome)
             return self._placed(task, "made", outcome.files, outcome.summary, outcome.seconds)

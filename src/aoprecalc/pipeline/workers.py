@@ -1,164 +1,118 @@
-"""The parent's end of a worker process: whatever happens to the process, it is the outcome of one job."""
+"""Worker pools: processes on this machine, each of which does one job after the other.
+
+Whatever happens to a worker process (crash, hang, kill) is the outcome of one job. See dask_client for a cluster.
+"""
 
 import os
-import signal
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import Pipe
 from queue import SimpleQueue
-from tempfile import TemporaryFile
 from typing import Any, Protocol
 
 from aoprecalc.options import BatchOptions
-from aoprecalc.pipeline.jobs import Failure, Job, Outcome
-from aoprecalc.pipeline.visibility_task import VisibilityTask
-from aoprecalc.subprocesses import command, environment
+from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilityTask
+from aoprecalc.subprocesses import ChildKilledError, ChildStoppedError, ChildTimeoutError, DuplexChild, StepCallback
 from aoprecalc.system import usable_memory, whole_cores
 
-Request = Job | VisibilityTask
-
-POLL = 0.05  # seconds between two looks at the clock and at whether to stop
-_MOST_JOBS = 100  # of one process: what libraries leak does not grow without bounds
-_LAST_WORDS = 2000  # bytes of what a dying process said last
+_MAX_JOBS = 100  # of one process, so that what libraries leak does not grow without bounds
+_BYTES_PER_JOB = 1 << 30  # memory that a job may need
 
 
 class WorkerProcess:
-    """A worker process, started for the first job and again after it died."""
+    """A worker process, started for the first job and again after it has died; safe to use from several threads."""
 
     def __init__(self) -> None:
         """Start nothing yet."""
-        self._process: subprocess.Popen[bytes] | None = None
-        self._done = 0
+        self._child: DuplexChild | None = None
+        self._jobs_done = 0
         self._busy = threading.Lock()
-        self._alarm: threading.Timer | None = None
+        self._idle_timer: threading.Timer | None = None
 
     def run(
         self,
-        request: Request,
-        tell: Callable[[str], None],
+        request: Job | VisibilityTask,
+        on_stage: StepCallback,
         *,
         timeout: float | None = None,
         retries: int = 0,
         stop: threading.Event | None = None,
     ) -> Any:
-        """Return the outcome of a job (Made or Failure), or of a glance (Seen or Failure).
+        """Return the outcome of a job (Success or Failure) or of a visibility task (VisibilitySums or Failure).
 
-        tell      is called with each stage that a job comes to
-        timeout   seconds, after which the process is killed
-        retries   how often a job whose process died is tried again
+        on_stage  called with each stage that the job begins
+        timeout   seconds until the process is killed
+        retries   tries of a job whose process died, beyond the first
         stop      kills the process when it is set
         """
         started = time.monotonic()
-        if self._alarm is not None:
-            self._alarm.cancel()
+        if self._idle_timer is not None:
+            self._idle_timer.cancel()
         with self._busy:
             for attempt in range(retries + 1):
-                outcome = self._once(request, tell, timeout, stop or threading.Event())
+                outcome = self._run_once(request, on_stage, timeout, stop)
                 if not isinstance(outcome, Failure) or outcome.kind != "crash":
                     break
                 if attempt < retries:
-                    tell(f"again, as its process died ({attempt + 1})")
+                    on_stage(f"again, as its process died ({attempt + 1})")
         return replace(outcome, seconds=time.monotonic() - started)
 
     def close(self) -> None:
         """End the process and all that it has started."""
-        if self._process is None:
-            return
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        self._connection.close()
-        self._said.close()
-        self._process = None
+        if self._child is not None:
+            self._child.close()
+            self._child = None
 
     def close_after(self, seconds: float) -> None:
-        """End the process once it was idle for that long."""
-        self._alarm = threading.Timer(seconds, self.close_if_idle)
-        self._alarm.daemon = True
-        self._alarm.start()
+        """End the process once it has been idle for that long."""
+        self._idle_timer = threading.Timer(seconds, self.close_if_idle)
+        self._idle_timer.daemon = True
+        self._idle_timer.start()
 
     def close_if_idle(self) -> None:
-        """End the process unless another thread has it do a job."""
+        """End the process unless it works for another thread."""
         if self._busy.acquire(blocking=False):
             try:
                 self.close()
             finally:
                 self._busy.release()
 
-    def _once(self, request: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
+    def _run_once(
+        self,
+        request: Job | VisibilityTask,
+        on_stage: StepCallback,
+        timeout: float | None,
+        stop: threading.Event | None,
+    ) -> Any:
+        if self._child is not None and not self._child.is_alive():
+            self.close()
+        if self._child is None:
+            try:
+                self._child, self._jobs_done = DuplexChild("aoprecalc.pipeline.worker"), 0
+            except OSError as error:
+                reason = f"no process for it could be started ({error})"
+                return Failure("crash", f"{request.label}: {reason}; use fewer --jobs")
         try:
-            outcome = self._ask(request, tell, timeout, stop)
-        except (EOFError, OSError) as error:  # the connection ends with the process
-            outcome = Failure("crash", self._why_dead(request, error))
-        self._done += 1
-        if (isinstance(outcome, Failure) and outcome.kind != "error") or self._done >= _MOST_JOBS:
+            outcome = self._child.request(request, on_stage, timeout=timeout, stop=stop)
+        except ChildStoppedError:
+            outcome = Failure("stopped", f"{request.label}: was stopped")
+        except ChildTimeoutError:
+            reason = f"took longer than {timeout:g} s; allow more (--timeout) or ask for less"
+            outcome = Failure("timeout", f"{request.label}: {reason}")
+        except ChildProcessError as error:
+            advice = "; use fewer --jobs or a smaller size" if isinstance(error, ChildKilledError) else ""
+            outcome = Failure("crash", f"{request.label}: its process died: {error}{advice}")
+        self._jobs_done += 1
+        if (isinstance(outcome, Failure) and outcome.kind != "error") or self._jobs_done >= _MAX_JOBS:
             self.close()
         return outcome
-
-    def _ask(self, request: Request, tell: Callable[[str], None], timeout: float | None, stop: threading.Event) -> Any:
-        if self._process is None or self._process.poll() is not None:
-            self._start()
-        self._connection.send(request)
-        end = None if timeout is None else time.monotonic() + timeout
-        while True:
-            if self._connection.poll(POLL):
-                message = self._connection.recv()
-                if not isinstance(message, str):
-                    return message
-                tell(message)
-            elif stop.is_set():
-                return Failure("stopped", f"{request.shown}: was stopped")
-            elif end is not None and time.monotonic() > end:
-                return Failure(
-                    "timeout",
-                    f"{request.shown}: took longer than {timeout:g} s; allow more (--timeout) or ask for less",
-                )
-
-    def _start(self) -> None:
-        self.close()
-        self._connection, far = Pipe()
-        self._said = TemporaryFile()  # noqa: SIM115 - it lives as long as the process
-        descriptor = far.fileno()
-        # What a library prints is kept apart: standard output is for results, and a table may be on standard error.
-        self._process = subprocess.Popen(
-            command("aoprecalc.pipeline.worker", str(descriptor), str(os.getpid())),
-            stdin=subprocess.DEVNULL,
-            stdout=self._said,
-            stderr=self._said,
-            pass_fds=[descriptor],
-            start_new_session=True,  # Ctrl-C does not reach it, and its own children can be killed with it
-            env=environment(),
-        )
-        far.close()
-        self._done = 0
-
-    def _why_dead(self, request: Request, error: Exception) -> str:
-        if self._process is None:
-            return f"{request.shown}: no process for it could be started ({error}); use fewer --jobs"
-        status = self._process.wait()
-        reason = f"exit status {status}"
-        if status < 0:
-            reason = signal.strsignal(-status) or f"signal {-status}"
-            if status == -signal.SIGKILL:
-                reason += ", as a system does that is out of memory: use fewer --jobs or a smaller size"
-        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _LAST_WORDS))
-        lines = self._said.read().decode(errors="replace").strip().splitlines()
-        said = f"; it said {lines[-1].strip()[:160]!r}" if lines else ""
-        return f"{request.shown}: its process died ({reason}{said})"
-
-
-# Who does the jobs of a batch, and the crew that is on this machine.
-
-_OF_JOB = 1 << 30  # bytes of memory that a job may take
 
 
 @dataclass(frozen=True)
 class JobEvent:
-    """What happened to a job: it came to a stage, or it has an outcome."""
+    """News of a job: it has begun a stage, or it has an outcome."""
 
     job: Job
     stage: str = ""
@@ -166,67 +120,67 @@ class JobEvent:
 
 
 class WorkerPool(Protocol):
-    """Does jobs.
+    """Runs jobs.
 
-    threads   that one job is to use, where its order says nothing; 0: all cores of where it runs
+    threads   for each job whose spec does not say; 0: all cores of the machine that it runs on
     """
 
     threads: int
 
     def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
-        """Yield events until each job has had its outcome, once; closing the iterator ends the work."""
+        """Yield events until every job has had one outcome; closing the generator ends the work."""
         ...
 
 
 class ProcessPool:
-    """Processes on this machine, each with a thread here that waits for it."""
+    """Worker processes on this machine, each served by a thread of this process."""
 
     def __init__(self, count: int, options: BatchOptions) -> None:
-        """Have as many processes as the options say and `count` jobs need, started when there is work."""
-        jobs = 1 if options.split else options.jobs or _default_jobs()
-        self._size = max(1, min(jobs, count))
+        """Choose the number of processes for `count` jobs; they are started when there is work."""
+        workers = 1 if options.split else options.jobs or _default_workers()
+        self._size = max(1, min(workers, count))
         self._options = options
-        # who has set this has decided
+        # LP_NUM_THREADS: the user has chosen llvmpipe's number of threads
         self.threads = 0 if "LP_NUM_THREADS" in os.environ else max(1, whole_cores() // self._size)
 
     def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
-        """See Crew."""
+        """See WorkerPool."""
         events: SimpleQueue[JobEvent] = SimpleQueue()
         stop = threading.Event()
-        left = iter(jobs)  # the next of a list is taken in one step, which threads do not divide
+        remaining = iter(jobs)  # `next` of a list iterator is atomic, so that threads may share it
         timeout, retries = self._options.timeout, self._options.retries
 
-        def attend() -> None:
-            child = WorkerProcess()
+        def run_jobs() -> None:
+            worker = WorkerProcess()
             try:
-                while not stop.is_set() and (job := next(left, None)) is not None:
-                    tell = _teller(events, job)
-                    tell("starting")
+                while not stop.is_set() and (job := next(remaining, None)) is not None:
+                    on_stage = _stage_reporter(events, job)
+                    on_stage("starting")
                     try:
-                        outcome = child.run(job, tell, timeout=timeout, retries=retries, stop=stop)
-                    except Exception as error:  # an outcome that never comes would be waited for
+                        outcome = worker.run(job, on_stage, timeout=timeout, retries=retries, stop=stop)
+                    except Exception as error:  # the caller waits for an outcome whatever goes wrong
                         reason = f"{type(error).__name__}: {error}"
-                        outcome = Failure("crash", f"{job.shown}: its process could not be used ({reason})")
+                        outcome = Failure("crash", f"{job.label}: its process could not be used ({reason})")
                     events.put(JobEvent(job, outcome=outcome))
             finally:
-                child.close()
+                worker.close()
 
-        with _threads(attend, self._size, stop):
-            waiting = len(jobs)
-            while waiting:
+        with _running_threads(run_jobs, self._size, stop):
+            pending = len(jobs)
+            while pending:
                 event = events.get()
-                waiting -= event.outcome is not None
+                pending -= event.outcome is not None
                 yield event
 
 
-def _teller(events: "SimpleQueue[JobEvent]", job: Job) -> Callable[[str], None]:
+def _stage_reporter(events: "SimpleQueue[JobEvent]", job: Job) -> StepCallback:
     return lambda stage: events.put(JobEvent(job, stage))
 
 
 @contextmanager
-def _threads(work: Callable[[], None], count: int, stop: threading.Event) -> Iterator[None]:
-    """Do the work in several threads for the length of a `with` block, and set `stop` at its end."""
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(count)]
+def _running_threads(target: Callable[[], None], count: int, stop: threading.Event) -> Iterator[None]:
+    """Run threads during a `with` block; at its end set `stop` and wait for them."""
+    threads = [threading.Thread(target=target, daemon=True) for _ in range(count)]
     try:
         for thread in threads:
             thread.start()
@@ -238,7 +192,7 @@ def _threads(work: Callable[[], None], count: int, stop: threading.Event) -> Ite
                 thread.join()
 
 
-def _default_jobs() -> int:
-    """Return as many jobs as there are cores, if there is memory for each."""
+def _default_workers() -> int:
+    """Return one worker a core, but no more than there is memory for."""
     memory = usable_memory()
-    return whole_cores() if memory is None else max(1, min(whole_cores(), memory // _OF_JOB))
+    return whole_cores() if memory is None else max(1, min(whole_cores(), memory // _BYTES_PER_JOB))

@@ -1,14 +1,13 @@
 """New UVs for a whole scene, packed into one page of exactly the texture's size."""
 
 import io
-import time
 from typing import Literal
 
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.subprocesses import ChildKilledError, StepCallback, ask, command
+from aoprecalc.subprocesses import ChildKilledError, ChildTimeoutError, StepCallback, ask, command
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 MIN_SIZE = 16  # texels
@@ -42,18 +41,13 @@ def unwrap(
     positions = scene.positions[used] - scene.positions[used].min(axis=0)
     positions = (positions / positions.max()).astype(np.float32)
     faces = corners.reshape(-1, 3).astype(np.int32)
-    started = time.monotonic()
-
-    def check_time(step: str) -> None:
-        if on_step is not None:
-            on_step(step)
-        if timeout is not None and time.monotonic() - started > timeout:
-            raise AoprecalcError(
-                f"{method} has not unwrapped {len(faces)} faces within {timeout:g} s (--unwrap-timeout), it is at: "
-                f"{step}; allow more time or {_IF_SLOW[method]}"
-            )
-
-    uvs, placed, charts, gutter = _run(method, positions, faces, size, padding, check_time)
+    try:
+        uvs, placed, charts, gutter = _run(method, positions, faces, size, padding, timeout, on_step)
+    except ChildTimeoutError as error:
+        raise AoprecalcError(
+            f"{method} has not unwrapped {len(faces)} faces within {timeout:g} s (--unwrap-timeout), it is at: "
+            f"{error.step}; allow more time or {_IF_SLOW[method]}"
+        ) from error
     all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
     all_uvs[mapped] = uvs
     mapped[mapped] = placed
@@ -80,13 +74,14 @@ def _run(
     faces: Int32Array,
     size: int,
     padding: int,
-    on_step: StepCallback,
+    timeout: float | None,
+    on_step: StepCallback | None,
 ) -> tuple[Float64Array, BoolArray, int, int]:
     """Unwrap in a child process: UVs (f, 3, 2), placed (f,) bool, the number of charts and the gutter."""
     request = io.BytesIO()
     np.savez(request, positions=positions, faces=faces.astype(np.uint32), size=size, padding=padding)
     try:
-        answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), on_step)))
+        answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), on_step, timeout=timeout)))
     except ChildProcessError as error:
         message = f"{method} could not unwrap {len(faces)} faces: {error}; or try --unwrap {_OTHER[method]}"
         raise (KilledError if isinstance(error, ChildKilledError) else AoprecalcError)(message) from error

@@ -18,7 +18,7 @@ from typing import Any, Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.subprocesses import FIRST_STEP, POLL, end_with_parent, say_step
+from aoprecalc.subprocesses import FIRST_STEP, POLL_SECONDS, end_with_parent, report_step
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 from aoprecalc.uv.gutter import MIN_GUTTER, area_and_perimeter, choose_gutter, fitting_scale
 
@@ -37,7 +37,7 @@ _ATLASES: list[Any] = []  # every xatlas.Atlas that was made
 
 def unwrap_with_xatlas(positions: Float32Array, faces: NDArray[np.uint32], size: int, padding: int) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
-    say_step("charts")
+    report_step("charts")
     atlas = _new_atlas()
     atlas.add_mesh(positions, faces)
     atlas.generate()
@@ -67,7 +67,7 @@ def _pack_with_xatlas(flat: Float64Array, corners: Int32Array, size: int, gutter
     fits, too_large, scale, step = 0.0, np.inf, 1.0, _SCALE_STEP
     best = None
     for attempt in range(1, _MAX_PACKINGS + 1):
-        say_step(f"packing, try {attempt} of at most {_MAX_PACKINGS}")
+        report_step(f"packing, try {attempt} of at most {_MAX_PACKINGS}")
         page = _new_atlas()
         page.add_uv_mesh((flat * scale).astype(np.float32), corners.astype(np.uint32))
         page.generate(pack_options=options)
@@ -141,9 +141,9 @@ def _run_uvunwrap(mesh: Any, size: int, gutter: int, packing: Literal["shape", "
     while not job.done:
         step = _describe(job.progress)
         if step != reported:
-            say_step(step)
+            report_step(step)
             reported = step
-        time.sleep(POLL)
+        time.sleep(POLL_SECONDS)
     return job.result()
 
 
