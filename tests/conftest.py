@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from aoprecalc.gl.context import open_renderer
+from aoprecalc.uv import select
 from shapes import MESHES
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a shell; programs would inherit it
@@ -22,6 +23,28 @@ def renderer():
     with open_renderer() as renderer:
         yield renderer
         assert renderer.context.error == "GL_NO_ERROR"
+
+
+ATLASES = {}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def unwrap_each_mesh_once():
+    """Give bakes in this process the UVs that an earlier one got for the same mesh: each unwrap starts a process."""
+    unwrap = select.unwrap
+
+    def remembered(scene, *settings, **more):
+        more_settings = [value for value in more.values() if not callable(value)]
+        arrays = scene.positions, scene.faces, scene.receives
+        owners = [part.uv_owner for part in scene.parts]
+        key = (*(array.tobytes() for array in arrays), *owners, *settings, *more_settings)
+        if key not in ATLASES:
+            ATLASES[key] = unwrap(scene, *settings, **more)
+        return ATLASES[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(select, "unwrap", remembered)
+        yield
 
 
 def pytest_collection_modifyitems(items):

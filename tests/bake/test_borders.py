@@ -16,6 +16,7 @@ from aoprecalc.raster.layout import corner_ids
 from aoprecalc.texture_lookup import bilinear
 from shapes import bowl, box, join, quad, quad_uvs, scene, torus, triangle_a_cell
 
+slow = pytest.mark.slow
 SIZE = 64
 
 
@@ -31,7 +32,7 @@ def texels_from_border(made, atlas, uvs, size):
     return KDTree((start + along * (end - start)).reshape(-1, 2)).query(uvs)[0] * size
 
 
-@pytest.mark.parametrize("shape", ["torus", "bowl"])
+@pytest.mark.parametrize("shape", ["torus", pytest.param("bowl", marks=slow)])
 def test_look_ups_beside_a_border_are_hardly_worse_than_inside(shape):
     made = scene(*torus()) if shape == "torus" else scene(*join(bowl(), box((-0.3, -0.25, -0.75), (0.25, 0.3, -0.2))))
     baked = bake_scene(made, BakeOptions(128, 128))
@@ -53,7 +54,7 @@ def open_and_closed(shift):
     return scene(*join(*floors, box((-2, -2, -4), (2, 2, -2))), np.concatenate([*charts, around]))
 
 
-@pytest.mark.parametrize("shift", [0, 0.05, 0.3, 0.5, 0.8])
+@pytest.mark.parametrize("shift", [0, 0.5, *(pytest.param(shift, marks=slow) for shift in (0.05, 0.3, 0.8))])
 def test_charts_two_texels_apart_keep_their_own_values(shift):
     made = open_and_closed(shift)
     options = BakeOptions(SIZE, SIZE, directions=1000, normals="flat", unwrap="keep", backend="ray")
@@ -84,7 +85,7 @@ def test_padding_copies_the_nearest_chart_and_never_mixes(monkeypatch):
         assert texture.values[row, column] in values[tuple(nearest.T)]
 
 
-@pytest.mark.parametrize("offset", [0.1, 0.5, 0.85])
+@pytest.mark.parametrize("offset", [pytest.param(0.1, marks=slow), pytest.param(0.5, marks=slow), 0.85])
 @pytest.mark.parametrize("backend", ["gl", "ray"])
 def test_a_chart_thinner_than_a_texel_has_its_own_value(backend, offset):
     """The floor of a slot twice as deep as wide, and one in the open, in charts 40 texels high and a third wide."""

@@ -60,7 +60,7 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
     normals = np.broadcast_to(tilt, (2, 3, 3))
     plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
     for estimator, expected in (("ratio", 1.0), ("mean", (1 + np.cos(0.8)) / 2)):
-        options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator)
+        options = BakeOptions(width=16, height=16, directions=4000, estimator=estimator, backend="ray")
         baked = bake_scene(plane, options)
         points = sample_surface(plane, baked.atlas.mapped, 2000, seed=0)
         found = bilinear(baked.texture.values, points.interpolate(baked.atlas.uvs), repeats=False)
@@ -84,7 +84,7 @@ def test_a_shading_normal_behind_the_surface_gives_way_to_the_geometric_one():
     up, down = (0, 0, 1), (0, 0, -1)
     normals = np.array([[down, down, up], [down, up, up]])
     plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
-    options = BakeOptions(width=64, height=64, directions=2000, estimator="mean")
+    options = BakeOptions(width=64, height=64, directions=1000, estimator="mean")
     texture = bake_scene(plane, options).texture
     assert texture.values[texture.valid].min() > 0.98
 

@@ -37,6 +37,7 @@ def test_parts_cover_everything_once():
     assert [(run.start, run.stop) for run in chunks(2500, 1000)] == [(0, 1000), (1000, 2000), (2000, 2500)]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="the system does not tell how much memory a child has held")
 def test_the_least_limit_that_is_told_is_kept_and_gives_the_same_bytes(tmp_path):
     square = trimesh.visual.TextureVisuals(uv=[(0, 0), (1, 0), (1, 1), (0, 1)])

@@ -8,6 +8,8 @@ from aoprecalc.api.bake import bake_scene
 from aoprecalc.options import BakeOptions
 from shapes import ball, box, hull, notch, quad, quad_uvs, rotation, scene, triangle_a_cell
 
+slow = pytest.mark.slow
+
 
 def values(made, shadow_size, **options):
     given = {"width": 48, "height": 48, "directions": 256, "backend": "gl", "unwrap": "keep", **options}
@@ -28,8 +30,8 @@ def slivers(seed):
     return np.column_stack([places, np.zeros(len(places))]) @ rotation(seed).T, faces.reshape(-1, 3), uvs
 
 
-@pytest.mark.parametrize("shadow_size", [16, 100, 512, 2048])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("shadow_size", [16, 100, pytest.param(512, marks=slow), pytest.param(2048, marks=slow)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=slow)])
 def test_a_plane_of_slivers_is_one_at_any_scale_and_place(seed, shadow_size):
     positions, faces, uvs = slivers(seed)
     for scale, far in ((1, 0), (1e-6, 0), (1e6, 0), (1, 1e6), (1e-6, 1), (1e6, 1e9))[: 1 if shadow_size > 512 else 6]:
@@ -73,7 +75,11 @@ def test_a_convex_body_is_one_to_the_last_bit(body, normals):
 
 @pytest.mark.parametrize(
     ("degrees", "shadow_size"),
-    [*((degrees, 64) for degrees in (10, 30, 60, 90, 120, 150, 170)), (30, 1024), (120, 1024), (30, None), (60, None)],
+    [
+        *((degrees, 64) for degrees in (10, 30, 60, 90, 120, 150, 170)),
+        *(pytest.param(degrees, 1024, marks=slow) for degrees in (30, 120)),
+        *((degrees, None) for degrees in (30, 60)),
+    ],
 )
 def test_a_valley_is_right_up_to_its_crease(degrees, shadow_size):
     """(1 + cos b) / 2 on one side, where b is the angle between it and the line of sight to the other side's end.

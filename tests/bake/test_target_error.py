@@ -76,6 +76,7 @@ def over(found, shape):
 TOO_HIGH = {"clutter-seed-1": [512], "pile-seed-7": [512]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_estimate_is_honest_within_a_factor_of_one_and_a_half(shape):
     ratios = {directions: over(gathered(shape, directions), shape) for directions in (256, 512, 1000, 2000)}
@@ -84,6 +85,7 @@ def test_the_estimate_is_honest_within_a_factor_of_one_and_a_half(shape):
     assert max(ratios.values()) < 1.75
 
 
+@pytest.mark.slow
 def test_a_target_stops_the_gather_early_with_what_is_known_by_then():
     found = gathered("torus", 2000, target_error=0.006)
     assert found.directions < 1000
@@ -117,6 +119,7 @@ def test_a_bake_says_how_far_it_came(backend):
     assert bake(300, 0.0)[0].directions == 300
 
 
+@pytest.mark.slow
 def test_two_sides_report_the_greater_error_and_the_later_stop():
     """Half a sphere: its outside is open, and tells at once that it is; its inside takes longer."""
     made = scene(*cap(6))
