@@ -2,11 +2,14 @@
 
 import faulthandler
 import signal
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
+from aoprecalc.cli import main
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.uv import select
 from shapes import MESHES
@@ -45,6 +48,24 @@ def unwrap_each_mesh_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(select, "unwrap", remembered)
         yield
+
+
+@pytest.fixture
+def command(capsys, monkeypatch):
+    """command(*words): what `aoprecalc` with these words does in this process, as if in one of its own."""
+
+    def run(*words):
+        words = list(map(str, words))
+        monkeypatch.setattr(sys, "argv", ["aoprecalc", *words])
+        handler = signal.getsignal(signal.SIGTERM)
+        try:
+            with pytest.raises(SystemExit) as ending:
+                main(words)
+        finally:
+            signal.signal(signal.SIGTERM, handler)
+        return subprocess.CompletedProcess(words, ending.value.code, *capsys.readouterr())
+
+    return run
 
 
 def pytest_collection_modifyitems(items):

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -14,12 +12,6 @@ from aoprecalc.io.images import read_pixels
 from shapes import torus
 
 TEXTURE, SIZE = "plain_ao.png", 64
-
-
-def run(folder, *words):
-    """Run `aoprecalc compare` in a folder as a shell would."""
-    command = [sys.executable, "-m", "aoprecalc", "compare", *map(str, words)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def compared(a, b, **options):
@@ -127,9 +119,9 @@ def brightened(ring, folder, by):
         (0, ["--tolerance", "0"], "equal"),
     ],
 )
-def test_the_tolerance_decides_the_answer_and_the_exit_code(ring, tmp_path, levels, words, answer):
+def test_the_tolerance_decides_the_answer_and_the_exit_code(ring, tmp_path, levels, words, answer, run):
     dark, bright = brightened(ring, tmp_path, levels)
-    done = run(tmp_path, dark, bright, *words)
+    done = run(tmp_path, "compare", dark, bright, *words)
     assert done.returncode == (answer == "different")
     assert done.stdout.startswith(f"{answer}: {dark} and {bright}\n")
     assert f"difference {levels / 255:.6f}" in done.stdout
@@ -140,9 +132,9 @@ def test_the_tolerance_decides_the_answer_and_the_exit_code(ring, tmp_path, leve
         assert done.stderr == ""
 
 
-def test_a_difference_leaves_its_report_and_picture(ring, tmp_path):
+def test_a_difference_leaves_its_report_and_picture(ring, tmp_path, run):
     words = [ring / "a" / "g.glb", ring / "c" / "g.glb"]
-    done = run(tmp_path, *words, "--json", "--report", "r.json", "--picture", "p.png")
+    done = run(tmp_path, "compare", *words, "--json", "--report", "r.json", "--picture", "p.png")
     assert done.returncode == 1
     report = json.loads(done.stdout)
     assert report == json.loads((tmp_path / "r.json").read_text())
@@ -156,21 +148,21 @@ def test_a_difference_leaves_its_report_and_picture(ring, tmp_path):
     assert pixels.shape == (256 + 16, 4 * 256 + 40, 3)
     first = np.round(read_image(ring / "a" / TEXTURE) * 255).repeat(4, axis=0).repeat(4, axis=1)
     np.testing.assert_array_equal(pixels[8:264, 8:264, 0], first)
-    again = run(tmp_path, *words, "--json", "--report", "r.json", "--picture", "q.png")
+    again = run(tmp_path, "compare", *words, "--json", "--report", "r.json", "--picture", "q.png")
     assert again.stdout == done.stdout
     assert (tmp_path / "q.png").read_bytes() == (tmp_path / "p.png").read_bytes()
 
 
-def test_other_sizes_are_different_and_shown(ring, tmp_path):
+def test_other_sizes_are_different_and_shown(ring, tmp_path, run):
     write_image(tmp_path / "small.png", np.ones((16, 32), np.float32))
-    done = run(tmp_path, ring / "a" / TEXTURE, "small.png", "--picture", "p.png")
+    done = run(tmp_path, "compare", ring / "a" / TEXTURE, "small.png", "--picture", "p.png")
     assert done.returncode == 1
     assert "64 x 64 and 32 x 16 pixels" in done.stdout
     assert "64 x 64 and 32 x 16 pixels" in done.stderr
     assert (tmp_path / "p.png").is_file()
 
 
-def test_reports_say_where_they_differ(ring, tmp_path):
+def test_reports_say_where_they_differ(ring, tmp_path, run):
     document = json.loads((ring / "a" / "bake.json").read_text())
     document["ao"]["mean"] += 0.002
     document["version"], document["renderer"], document["input"]["path"] = "9", "another", "elsewhere.obj"
@@ -180,17 +172,17 @@ def test_reports_say_where_they_differ(ring, tmp_path):
     assert [place["at"] for place in report["details"]["places"]] == ["ao.mean"]
     document["backend"] = "ray"
     (tmp_path / "other.json").write_text(json.dumps(document))
-    done = run(tmp_path, ring / "a" / "bake.json", "other.json")
+    done = run(tmp_path, "compare", ring / "a" / "bake.json", "other.json")
     assert done.returncode == 1
     assert "  backend: 'gl' became 'ray'" in done.stdout.splitlines()
 
 
-def test_warnings_name_the_file(ring, tmp_path):
+def test_warnings_name_the_file(ring, tmp_path, run):
     (tmp_path / "ring.obj").write_text((ring / "plain.obj").read_text() + "f 1 2\n")
-    done = run(tmp_path, ring / "plain.obj", "ring.obj")
+    done = run(tmp_path, "compare", ring / "plain.obj", "ring.obj")
     assert done.returncode == 0
     assert done.stderr == "warning: ring.obj: 1 faces of fewer than 3 corners are skipped\n"
-    assert run(tmp_path, ring / "plain.obj", "ring.obj", "-q").stderr == ""
+    assert run(tmp_path, "compare", ring / "plain.obj", "ring.obj", "-q").stderr == ""
 
 
 @pytest.fixture(scope="module")
@@ -246,10 +238,10 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_failures_are_one_line_and_leave_nothing(case, damaged):
+def test_failures_are_one_line_and_leave_nothing(case, damaged, run):
     words, code, expected = BAD[case]
     before = sorted(damaged.rglob("*"))
-    done = run(damaged, *words)
+    done = run(damaged, "compare", *words)
     assert done.returncode == code, done.stderr
     (line,) = done.stderr.splitlines()
     assert line.startswith("error: ")
@@ -258,9 +250,9 @@ def test_failures_are_one_line_and_leave_nothing(case, damaged):
     assert sorted(damaged.rglob("*")) == before
 
 
-def test_a_cut_picture_is_no_fault_of_the_program(ring, tmp_path):
+def test_a_cut_picture_is_no_fault_of_the_program(ring, tmp_path, run):
     (tmp_path / "cut.png").write_bytes((ring / "a" / TEXTURE).read_bytes()[:100])
-    done = run(tmp_path, ring / "a" / TEXTURE, "cut.png")
+    done = run(tmp_path, "compare", ring / "a" / TEXTURE, "cut.png")
     assert done.returncode == 4
     assert done.stderr.splitlines()[-1].startswith("error: cut.png: cannot be read as a picture")  # after libpng's own
     assert "Traceback" not in done.stderr

@@ -13,7 +13,7 @@ from shapes import box, join, torus
 QUICK = ["--size", "64", "-n", "64"]
 
 
-def run(folder, *words, **given):
+def start(folder, *words, **given):
     """Run `aoprecalc` in a folder as a shell would."""
     command = [sys.executable, "-m", "aoprecalc", *map(str, words)]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, **given)
@@ -36,7 +36,7 @@ def listing(folder):
 
 
 def test_bake_writes_texture_and_mesh(ring, tmp_path):
-    done = run(tmp_path, "bake", "ring.obj", *QUICK)
+    done = start(tmp_path, "bake", "ring.obj", *QUICK)
     assert done.returncode == 0, done.stderr
     assert listing(tmp_path) == ["ring.obj", "ring_ao.mtl", "ring_ao.obj", "ring_ao.png"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["ring_ao.png", "ring_ao.obj"]
@@ -52,8 +52,8 @@ def test_bake_writes_texture_and_mesh(ring, tmp_path):
 def test_the_same_command_gives_the_same_bytes(ring, tmp_path):
     def bytes_of(folder):
         (tmp_path / folder).mkdir()
-        assert run(tmp_path, "bake", "ring.obj", *QUICK, "-o", f"{folder}/").returncode == 0
-        assert run(tmp_path, "spheres", "ring.obj", "-n", "5", "-s", "500", "-o", f"{folder}/").returncode == 0
+        assert start(tmp_path, "bake", "ring.obj", *QUICK, "-o", f"{folder}/").returncode == 0
+        assert start(tmp_path, "spheres", "ring.obj", "-n", "5", "-s", "500", "-o", f"{folder}/").returncode == 0
         return {path.name: path.read_bytes() for path in sorted((tmp_path / folder).iterdir())}
 
     first, second = bytes_of("a"), bytes_of("b")
@@ -61,7 +61,7 @@ def test_the_same_command_gives_the_same_bytes(ring, tmp_path):
     assert first == second
 
 
-def test_the_report_has_what_scripts_read(ring, tmp_path):
+def test_the_report_has_what_scripts_read(ring, tmp_path, run):
     done = run(tmp_path, "bake", "ring.obj", *QUICK, "--json", "--report", "report.json", "-q")
     assert done.returncode == 0
     assert done.stderr == ""
@@ -82,7 +82,7 @@ def test_the_report_has_what_scripts_read(ring, tmp_path):
 
 
 @pytest.mark.parametrize("output", ["made/", "there", "picture.exr", "there/picture.tif"])
-def test_output_is_a_file_or_a_folder(ring, tmp_path, output):
+def test_output_is_a_file_or_a_folder(ring, tmp_path, output, run):
     (tmp_path / "there").mkdir()
     assert run(tmp_path, "bake", "ring.obj", *QUICK, "-o", output).returncode == 0
     texture = tmp_path / output if "." in output else tmp_path / output / "ring_ao.png"
@@ -90,13 +90,13 @@ def test_output_is_a_file_or_a_folder(ring, tmp_path, output):
     assert (texture.parent / "ring_ao.obj").is_file()
 
 
-def test_sizes_need_not_be_square(ring, tmp_path):
+def test_sizes_need_not_be_square(ring, tmp_path, run):
     assert run(tmp_path, "bake", "ring.obj", "--size", "96x48", "-n", "64").returncode == 0
     assert read_image(tmp_path / "ring_ao.png").shape == (48, 96)
 
 
 def test_spheres_writes_the_contracts_json(ring, tmp_path):
-    done = run(tmp_path, "spheres", "ring.obj", "-n", "8", "-s", "2000")
+    done = start(tmp_path, "spheres", "ring.obj", "-n", "8", "-s", "2000")
     assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "ring_spheres.json").read_text())
     assert document["schema"] == 1
@@ -108,7 +108,7 @@ def test_spheres_writes_the_contracts_json(ring, tmp_path):
     assert "8 spheres, converged" in done.stdout
 
 
-def test_too_few_iterations_are_said(ring, tmp_path):
+def test_too_few_iterations_are_said(ring, tmp_path, run):
     done = run(tmp_path, "spheres", "ring.obj", "-n", "20", "-s", "5000", "--max-iterations", "2")
     assert done.returncode == 0
     assert "warning:" in done.stderr
@@ -155,7 +155,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_failures_are_one_line_and_leave_nothing(case, ring, tmp_path):
+def test_failures_are_one_line_and_leave_nothing(case, ring, tmp_path, run):
     words, code, expected = BAD[case]
     (tmp_path / "empty.obj").write_text("")
     (tmp_path / "garbage.ply").write_bytes(bytes(range(256)))
@@ -178,7 +178,7 @@ def test_failures_are_one_line_and_leave_nothing(case, ring, tmp_path):
 
 
 @pytest.mark.skipif(os.name == "posix" and os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_that_may_not_be_written(ring, tmp_path):
+def test_a_folder_that_may_not_be_written(ring, tmp_path, run):
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o555)
     done = run(tmp_path, "bake", "ring.obj", *QUICK, "-o", "closed/")
@@ -187,13 +187,13 @@ def test_a_folder_that_may_not_be_written(ring, tmp_path):
 
 
 def test_verbose_adds_the_traceback(tmp_path):
-    done = run(tmp_path, "bake", "missing.obj", "-v")
+    done = start(tmp_path, "bake", "missing.obj", "-v")
     assert "Traceback" in done.stderr
     assert done.stderr.splitlines()[-1].startswith("error: ")
 
 
 @pytest.mark.parametrize("backend", ["gl", "auto", "ray"])
-def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_path):
+def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_path, run):
     """No EGL device and no OSMesa: libraries are looked for where there are none."""
     program = (
         "import sys, moderngl\n"
@@ -218,7 +218,7 @@ def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_
     assert "ring_ao.png" in listing(tmp_path)
 
 
-def test_parts_inside_others_are_dark_and_not_a_failure(tmp_path):
+def test_parts_inside_others_are_dark_and_not_a_failure(tmp_path, run):
     write_obj(tmp_path / "nested.obj", *join(box(), (box()[0] * 0.5, box()[1])))
     assert run(tmp_path, "bake", "nested.obj", *QUICK, "--normals", "flat").returncode == 0
     picture = read_image(tmp_path / "nested_ao.png")
@@ -226,7 +226,7 @@ def test_parts_inside_others_are_dark_and_not_a_failure(tmp_path):
     assert picture.max() == 1
 
 
-def test_help_is_instant_because_nothing_heavy_is_loaded():
+def test_help_is_instant_because_nothing_heavy_is_loaded(run):
     program = (
         "import sys; sys.argv = ['aoprecalc', 'bake', '--help']\n"
         "from aoprecalc.cli import main\n"

@@ -15,12 +15,6 @@ QUICK = ["--points", "2000", "--rays", "256"]
 FORMATS = ("obj", "ply", "glb", "gltf")
 
 
-def run(folder, *words):
-    """Run `aoprecalc` in a folder as a shell would."""
-    command = [sys.executable, "-m", "aoprecalc", *map(str, words)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-
-
 def verify(path, texture=None, **given):
     options = aoprecalc.VerifyOptions(**{"points": 2000, "rays": 256, **given})
     return aoprecalc.verify(path, texture, options=options).report
@@ -55,7 +49,7 @@ def test_every_format_gives_back_what_was_baked(ring):
     assert reports["glb"]["texture"]["path"].startswith("image 0 of ")
 
 
-def test_a_table_for_people(ring, tmp_path):
+def test_a_table_for_people(ring, tmp_path, run):
     done = run(tmp_path, "verify", ring / "glb" / "ring.glb", *QUICK)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
@@ -67,7 +61,7 @@ def test_a_table_for_people(ring, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_same_command_gives_the_same_report(ring, tmp_path):
+def test_the_same_command_gives_the_same_report(ring, tmp_path, run):
     mesh = ring / "ply" / "ring.ply"
     first, second = (
         run(tmp_path, "verify", mesh, *QUICK, "--json", "--report", "r.json", "--heat-map", f"{name}.png")
@@ -117,7 +111,7 @@ def test_a_foreign_texture_is_measured_as_it_is(ring, tmp_path):
     assert (reports[0]["texture"]["width"], reports[0]["texture"]["height"]) == (48, 32)
 
 
-def test_a_tolerance_decides_the_exit_code_and_the_outputs_stay(ring, tmp_path):
+def test_a_tolerance_decides_the_exit_code_and_the_outputs_stay(ring, tmp_path, run):
     mesh = ring / "obj" / "ring.obj"
     good = run(tmp_path, "verify", mesh, *QUICK, "--tolerance", "0.1")
     assert (good.returncode, good.stderr) == (0, "")
@@ -176,7 +170,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_failures_are_one_line_and_leave_nothing(case, ring):
+def test_failures_are_one_line_and_leave_nothing(case, ring, run):
     words, code, expected = BAD[case]
     before = sorted(ring.rglob("*"))
     done = run(ring, "verify", *words)
@@ -188,7 +182,7 @@ def test_failures_are_one_line_and_leave_nothing(case, ring):
     assert sorted(ring.rglob("*")) == before
 
 
-def test_without_embree_the_code_is_three(ring, tmp_path):
+def test_without_embree_the_code_is_three(ring, tmp_path, run):
     program = (
         "import sys\n"
         "sys.modules['embreex'] = None\n"

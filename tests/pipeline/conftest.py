@@ -2,16 +2,12 @@
 
 import os
 import shutil
-import signal
-import subprocess
-import sys
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from aoprecalc.cli import main
 from aoprecalc.pipeline.jobs import run_job
 from aoprecalc.pipeline.workers import JobEvent
 
@@ -47,24 +43,6 @@ def crew(monkeypatch):
 def no_cache_of_the_user(monkeypatch, tmp_path_factory):
     """Keep the user's own cache out of the tests, and them out of it."""
     monkeypatch.setenv("AOPRECALC_CACHE", str(tmp_path_factory.mktemp("cache")))
-
-
-@pytest.fixture
-def command(capsys, monkeypatch):
-    """command(*words): what `aoprecalc` with these words does in this process, as if in one of its own."""
-
-    def run(*words):
-        words = list(map(str, words))
-        monkeypatch.setattr(sys, "argv", ["aoprecalc", *words])
-        handler = signal.getsignal(signal.SIGTERM)
-        try:
-            with pytest.raises(SystemExit) as ending:
-                main(words)
-        finally:
-            signal.signal(signal.SIGTERM, handler)
-        return subprocess.CompletedProcess(words, ending.value.code, *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture
