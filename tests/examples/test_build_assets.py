@@ -26,6 +26,7 @@ def build(project, *words):
     return done.returncode, done.stdout.splitlines(), done.stderr
 
 
+@pytest.mark.slow
 def test_it_makes_each_asset_once_and_holds_one_to_a_golden_texture(project):
     code, lines, errors = build(project, "assets")
     assert (code, errors) == (0, "")

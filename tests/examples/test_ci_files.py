@@ -162,6 +162,7 @@ def test_the_github_workflow_runs_or_installs_or_uses_an_action():
             assert step["run"].startswith(("sudo apt-get update &&", "pip install "))
 
 
+@pytest.mark.slow
 def test_the_github_workflow_takes_from_the_cache_and_passes(project):
     codes, said = run_workflow(project)
     assert codes == dict.fromkeys([DOCTOR, BAKE, COMPARE, PRUNE], 0), said
@@ -171,6 +172,7 @@ def test_the_github_workflow_takes_from_the_cache_and_passes(project):
     assert (project / "build" / "crate_ao_compare.png").exists()
 
 
+@pytest.mark.slow
 def test_the_github_workflow_caches_and_uploads_what_there_is_also_after_a_failure(project):
     break_mesh(project)
     trimesh.creation.icosphere(0).export(project / "assets" / "props" / "crate.obj")
@@ -189,6 +191,7 @@ def test_the_github_workflow_caches_and_uploads_what_there_is_also_after_a_failu
     assert cases(project) == (4, ["broken"])
 
 
+@pytest.mark.slow
 def test_the_github_workflow_fails_where_the_golden_texture_is_another(project):
     change_golden(project)
     codes, said = run_workflow(project)
@@ -197,6 +200,7 @@ def test_the_github_workflow_fails_where_the_golden_texture_is_another(project):
     assert (project / "build" / "crate_ao_compare.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "code", "found"), [(None, 0, (3, [])), (break_mesh, 1, (4, ["broken"])), (change_golden, 1, (3, []))]
 )
@@ -233,6 +237,7 @@ def test_all_install_aoprecalc_from_a_checkout_with_an_extra_that_it_has():
         assert re.search(r"\[(\w+)\]$", where)[1] in extras
 
 
+@pytest.mark.slow
 def test_the_hook_bakes_what_has_changed_and_names_stay(project):
     words = shlex.split(HOOK["entry"])
     assert HOOK["pass_filenames"] is False
@@ -278,10 +283,12 @@ def makefile(project):
     return lambda *targets: run(project, "make", *targets, "BAKE=--size 64 -n 32")
 
 
+@pytest.mark.slow
 def test_the_rules_leave_the_makefiles_first_target_alone(makefile):
     assert makefile().stdout == "the game\n"
 
 
+@pytest.mark.slow
 def test_one_bake_makes_texture_and_mesh_and_again_only_after_a_change(project, makefile):
     targets = ["build/props/crate_ao.png", "build/props/crate_ao.obj"]
     done = makefile(*targets)
@@ -296,6 +303,7 @@ def test_one_bake_makes_texture_and_mesh_and_again_only_after_a_change(project, 
     assert makefile(targets[1]).stdout.count("aoprecalc bake") == 1
 
 
+@pytest.mark.slow
 def test_a_bake_that_fails_fails_again(project, makefile):
     break_mesh(project)
     for _ in range(2):
@@ -305,6 +313,7 @@ def test_a_bake_that_fails_fails_again(project, makefile):
         assert not list(project.glob("build/**/broken*"))
 
 
+@pytest.mark.slow
 def test_make_assets_runs_the_batch_whose_folder_the_other_rule_leaves_alone(project, makefile):
     assert makefile("assets").returncode == 0
     assert made(project) == MADE
@@ -312,6 +321,7 @@ def test_make_assets_runs_the_batch_whose_folder_the_other_rule_leaves_alone(pro
     assert "3 assets: 3 unchanged" in makefile("assets").stdout
 
 
+@pytest.mark.slow
 def test_the_container_runs_as_a_user_and_says_what_works(project):
     assert value("USER").split(":")[0] not in ("root", "0")
     done = run(project, *json.loads(value("ENTRYPOINT")), *json.loads(value("CMD")))
@@ -319,6 +329,7 @@ def test_the_container_runs_as_a_user_and_says_what_works(project):
     assert "a small bake    passed" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_container_bakes_as_the_dockerfile_says(project):
     text = (CI / "Dockerfile").read_text(encoding="utf-8")
     example = re.search(r"docker run .* aoprecalc (.*)", text)[1]

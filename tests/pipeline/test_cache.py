@@ -119,6 +119,7 @@ print(sum(Cache(Path(folder, "cache")).put(f"{number:02x}{key}", files, {"n": nu
 """
 
 
+@pytest.mark.slow
 def test_several_writers_leave_each_entry_once_and_whole(tmp_path, staging):
     for name in "abc":
         (tmp_path / name).write_bytes(name.encode() * 100_000)

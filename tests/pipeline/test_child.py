@@ -69,7 +69,9 @@ DEATHS = {
 }
 
 
-@pytest.mark.parametrize("name", DEATHS)
+@pytest.mark.parametrize(
+    "name", ["killed", *(pytest.param(name, marks=pytest.mark.slow) for name in ("crashed", "left"))]
+)
 def test_a_process_that_dies_is_tried_again_and_then_a_failure(name, worker, tmp_path):
     stages, dying = [], job(tmp_path, name)
     failure = worker.run(dying, stages.append, retries=1)
@@ -81,6 +83,7 @@ def test_a_process_that_dies_is_tried_again_and_then_a_failure(name, worker, tmp
     assert isinstance(worker.run(job(tmp_path, "ring"), stages.append), Success)
 
 
+@pytest.mark.slow
 def test_what_is_not_tried_again_is_not_said_to_be(worker, tmp_path):
     stages, dying = [], job(tmp_path, "crashed")
     worker.run(dying, stages.append, retries=0)
@@ -116,6 +119,7 @@ def test_a_fault_of_ours_is_one_line_with_its_traceback_apart(worker, tmp_path):
     assert tries(faulty) == 1
 
 
+@pytest.mark.slow
 def test_what_libraries_print_disturbs_nothing(worker, tmp_path, capfd):
     assert isinstance(worker.run(job(tmp_path, "loud"), lambda stage: None), Success)
     assert capfd.readouterr() == ("", "")
@@ -133,6 +137,7 @@ def test_a_time_out_ends_the_process_and_its_own_children(worker, tmp_path):
     assert isinstance(worker.run(job(tmp_path, "ring"), lambda stage: None), Success)
 
 
+@pytest.mark.slow
 def test_stopping_ends_the_process_and_its_own_children(worker, tmp_path):
     endless, outcomes, stop = job(tmp_path, "endless"), [], threading.Event()
     thread = threading.Thread(target=lambda: outcomes.append(worker.run(endless, lambda stage: None, stop=stop)))
@@ -176,6 +181,7 @@ def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
     assert outcomes["a"].message == "in/a.obj: its process could not be used (ValueError: no such thing here)"
 
 
+@pytest.mark.slow
 def test_an_idle_process_goes(worker, tmp_path):
     assert isinstance(worker.run(job(tmp_path, "a"), print), Success)
     process = worker._child.pid

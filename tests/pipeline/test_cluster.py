@@ -78,7 +78,7 @@ def on(cluster, meshes, output, bake=BAKE, progress=None, **options):
     return batch(meshes, output, bake=bake, spheres=SPHERES, options=chosen, progress=progress)
 
 
-@pytest.mark.parametrize("ship", ["folder", "bytes"])
+@pytest.mark.parametrize("ship", [pytest.param("folder", marks=pytest.mark.slow), "bytes"])
 def test_a_cluster_makes_the_same_bytes(two_workers, meshes, expected, tmp_path, ship):
     progress = Ends()
     assert on(two_workers, meshes, tmp_path, ship=ship, progress=progress).passed
@@ -112,6 +112,7 @@ def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, 
     assert sorted(result.asset.name for result in progress.results) == NAMES
 
 
+@pytest.mark.slow
 def test_bakes_go_where_gpus_are_offered(two_workers, meshes, tmp_path):
     with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
         client.get_task_stream()  # from now on they are noted
@@ -120,7 +121,15 @@ def test_bakes_go_where_gpus_are_offered(two_workers, meshes, tmp_path):
     assert places == {two_workers.workers["gpu"].worker_address}
 
 
-@pytest.mark.parametrize("way", [{}, {"target_error": 0.02, "directions": 1024}, {"two_sided": True}], ids=str)
+@pytest.mark.parametrize(
+    "way",
+    [
+        {},
+        pytest.param({"target_error": 0.02, "directions": 1024}, marks=pytest.mark.slow),
+        pytest.param({"two_sided": True}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
 def test_a_bake_that_is_split_has_the_same_bytes(two_workers, meshes, tmp_path, way):
     bake = BakeOptions(**{"width": 64, "height": 64, "directions": 300, **way})
     alone = batch(meshes / "deep", tmp_path / "alone", bake=bake)
@@ -131,6 +140,7 @@ def test_a_bake_that_is_split_has_the_same_bytes(two_workers, meshes, tmp_path, 
     assert {name: made[name] for name in expected} == expected
 
 
+@pytest.mark.slow
 def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
     write_ring(tmp_path / "in" / "whole.obj")
     (tmp_path / "in" / "broken.obj").write_text("f 1 2 3\n")
@@ -140,6 +150,7 @@ def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
     assert message.startswith(f"{tmp_path}/in/broken.obj: a face refers to v 1, but there are 0")
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch):
     """The scheduler and the worker die of SIGKILL while a bake is under way; each asset still has its outcome."""
     monkeypatch.setattr(workers, "_PATIENCE", 3)
@@ -190,12 +201,14 @@ def jobs_of_this_process():
     return found
 
 
+@pytest.mark.slow
 def test_a_batch_leaves_no_process_on_the_workers(two_workers, meshes, tmp_path):
     assert on(two_workers, meshes, tmp_path / "a").passed
     assert on(two_workers, meshes / "deep", tmp_path / "b", split=True).passed
     wait_until(lambda: processes_of(two_workers) == [])
 
 
+@pytest.mark.slow
 def test_a_batch_that_died_leaves_none_for_long(two_workers, meshes, tmp_path):
     def hasten():
         remote._IDLE = 0.5
@@ -209,6 +222,7 @@ def test_a_batch_that_died_leaves_none_for_long(two_workers, meshes, tmp_path):
     wait_until(lambda: processes_of(two_workers) == [])
 
 
+@pytest.mark.slow
 def test_a_cluster_without_workers_is_not_waited_for(meshes, tmp_path, monkeypatch):
     """The scheduler lives, the only worker dies of SIGKILL."""
     monkeypatch.setattr(workers, "_PATIENCE", 2)

@@ -59,6 +59,7 @@ def test_it_says_what_it_made(here):
     assert again.stdout.startswith("2 assets: 2 unchanged; ")
 
 
+@pytest.mark.slow
 def test_its_results_are_those_of_the_single_commands(here):
     """With one job and with three; the commands are those that its report tells."""
     positions, faces = torus(around=8, across=4)
@@ -106,6 +107,7 @@ def test_json_is_all_that_is_on_standard_output(here):
     assert error_of(done).startswith("error: 1 of 2 assets failed, the others are in out; ")
 
 
+@pytest.mark.slow
 def test_quiet_prints_results_and_errors_alone(here):
     assert run(here, "batch", "in", "-o", "out", *SMALL_SPHERES, "-q").stderr == ""
     (here / "in/a.obj").write_text("")
@@ -259,6 +261,7 @@ def start(folder, *words):
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.slow
 @linux
 @pytest.mark.usefixtures("strange")
 def test_workers_that_die_cost_their_assets_alone(here):
@@ -279,7 +282,7 @@ def test_workers_that_die_cost_their_assets_alone(here):
 
 @linux
 @pytest.mark.usefixtures("strange")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_batch_keeps_what_it_has(number, here):
     """It ends at once with all its processes, and its report says what is missing."""
     write_ring(here / "in/endless.obj")
@@ -302,6 +305,7 @@ def test_an_interrupted_batch_keeps_what_it_has(number, here):
     assert not (here / "out/.aoprecalc/staging").exists()
 
 
+@pytest.mark.slow
 @linux
 @pytest.mark.usefixtures("strange")
 def test_the_batch_after_a_killed_one_goes_on(here):
@@ -326,6 +330,7 @@ def test_the_batch_after_a_killed_one_goes_on(here):
     assert contents(here / "out") == contents(here / "whole")
 
 
+@pytest.mark.slow
 @linux
 def test_a_killed_batch_leaves_no_process(here):
     """Not even the child of a worker: xatlas takes minutes for so rough a surface."""
@@ -349,6 +354,7 @@ def is_xatlas(pid):
         return False
 
 
+@pytest.mark.slow
 def test_modules_of_the_present_folder_are_not_run(here):
     (here / "random.py").write_text("raise SystemExit('a folder of meshes is no place for code')")
     command = [

@@ -341,6 +341,7 @@ def test_a_file_of_the_users_is_not_replaced(cached, corners, crew):
     assert len(list(corners.glob("wood*.png"))) == 2
 
 
+@pytest.mark.slow
 def test_files_of_one_name_are_told_apart_whatever_ends_first(tmp_path):
     """Three documents side by side, each with a picture of the same name in a folder of its own."""
     for number, name in enumerate("abc"):

@@ -13,6 +13,8 @@ from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 2)
 
+slow = pytest.mark.slow
+
 
 def fitted(scene, count, method="collision", radius="mean", seed=0):
     options = SphereOptions(spheres=count, samples=3000, method=method, radius=radius, seed=seed)
@@ -28,13 +30,13 @@ def beyond(points, spheres):
     ("shape", "count"),
     [
         (shapes.ball(3), 1),
-        (shapes.ball(3), 5),
-        (shapes.torus(0.7, 0.3), 12),
+        pytest.param(shapes.ball(3), 5, marks=slow),
+        pytest.param(shapes.torus(0.7, 0.3), 12, marks=slow),
         (shapes.cap(), 6),
-        (shapes.box(), 3),
-        (shapes.clutter(2, boxes=2), 10),
-        (FLAT, 4),
-        (shapes.box((-1, -1e-4, -1e-4), (1, 1e-4, 1e-4)), 4),
+        pytest.param(shapes.box(), 3, marks=slow),
+        pytest.param(shapes.clutter(2, boxes=2), 10, marks=slow),
+        pytest.param(FLAT, 4, marks=slow),
+        pytest.param(shapes.box((-1, -1e-4, -1e-4), (1, 1e-4, 1e-4)), 4, marks=slow),
     ],
     ids=["ball 1", "ball", "torus", "open bowl", "box", "clutter", "plate", "needle"],
 )
@@ -49,7 +51,7 @@ def test_every_point_is_held(shape, count, surface_points):
     assert (quality["coverage"], quality["leak"] < 2e-3) == (1, True)
 
 
-@pytest.mark.parametrize("name", ["ball", "torus", "capsule"])
+@pytest.mark.parametrize("name", [pytest.param("ball", marks=slow), pytest.param("torus", marks=slow), "capsule"])
 def test_a_closed_mesh_is_held_and_spheres_protrude_far_less_than_clusters_do(name, capsule, surface_points):
     scene = {"ball": shapes.scene(*shapes.ball(3)), "torus": shapes.scene(*shapes.torus()), "capsule": capsule}[name]
     count, most = {"ball": (3, 0.012), "torus": (20, 0.09), "capsule": (8, 0.05)}[name]
@@ -86,6 +88,7 @@ def test_whatever_spheres_there_are_they_grow_until_they_hold_all(count, seed):
     assert signed_distances(inside, centers, grown).max() < 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "offset"), [(1e-3, (0.02, 0, 0)), (1e3, (5e3, 0, -1e3))])
 def test_held_at_any_size_and_place(scale, offset, surface_points):
     positions, faces = shapes.box((-1, -0.5, -0.2), (1, 0.5, 0.2))
@@ -95,6 +98,7 @@ def test_held_at_any_size_and_place(scale, offset, surface_points):
     assert beyond(scene.positions, found) < 1e-9 * scale
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes():
     scene = shapes.scene(*shapes.cap(6))
     first, again = fitted(scene, 2)[0], fitted(scene, 2)[0]

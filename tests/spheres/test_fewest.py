@@ -39,6 +39,7 @@ def test_good_enough_and_not_with_one_less(method, tolerance):
     assert (len(found) == 1) == (tolerance == 1)
 
 
+@pytest.mark.slow
 def test_two_far_balls_need_two_spheres():
     ball, faces = shapes.ball(3)
     scene = shapes.scene(*shapes.join((ball, faces), (ball + [6, 0, 0], faces)))
@@ -55,7 +56,15 @@ def spheres(count, radius):
     return SphereFit(np.zeros((count, 3)), np.full(count, radius), 1, True)
 
 
-@pytest.mark.parametrize("enough", [*range(1, 20), 255, 256, 257, 1000, MAX_SPHERES - 1, MAX_SPHERES])
+@pytest.mark.parametrize(
+    "enough",
+    [
+        *range(1, 20),
+        255,
+        256,
+        *(pytest.param(count, marks=pytest.mark.slow) for count in (257, 1000, MAX_SPHERES - 1, MAX_SPHERES)),
+    ],
+)
 def test_the_least_of_a_falling_error(enough):
     """Samples on the sphere of radius 1: spheres of that radius have no error, others have one."""
     vectors = np.random.default_rng(0).normal(size=(MIN_SAMPLES_PER_SPHERE * MAX_SPHERES, 3))

@@ -44,7 +44,13 @@ def test_the_parent_is_the_sphere_whose_surface_is_nearest(seed):
 
 
 @pytest.mark.parametrize(
-    ("method", "levels"), [("lloyd", (1, 5, 20, 60)), ("algebraic", (3, 4)), ("shadow", (2, 5)), ("lloyd", (6,))]
+    ("method", "levels"),
+    [
+        ("lloyd", (1, 5, 20, 60)),
+        ("algebraic", (3, 4)),
+        pytest.param("shadow", (2, 5), marks=pytest.mark.slow),
+        ("lloyd", (6,)),
+    ],
 )
 def test_each_level_is_the_plain_fit_of_its_number(method, levels):
     found, quality = fitted(method=method, levels=levels)

@@ -14,6 +14,8 @@ from aoprecalc.spheres import fit_sphere_set
 # Silhouettes are measured (`quality`) from directions that no fit uses.
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 4)
 
+slow = pytest.mark.slow
+
 
 def fitted(scene, count, method="shadow", seed=0):
     return fit_sphere_set(scene, SphereOptions(spheres=count, samples=4000, method=method, seed=seed), Progress())
@@ -25,7 +27,7 @@ def likeness(name, count, method="shadow"):
     return fitted(shapes.scene(*shape), count, method)[1]["silhouette_iou"]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=slow)])
 def test_one_sphere_on_a_ball_is_the_ball(seed):
     positions, faces = shapes.ball(4)
     found, quality = fitted(shapes.scene(2 * positions + [5, 0, -3], faces), 1, seed=seed)
@@ -34,7 +36,7 @@ def test_one_sphere_on_a_ball_is_the_ball(seed):
     assert quality["silhouette_iou"] > 0.99
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=slow)])
 def test_two_balls_get_a_sphere_each(seed):
     small, large = shapes.ball(3), shapes.ball(3, radius=1.5)
     places = np.array([[-3.0, 0, 0], [1, 0.5, 2]])
@@ -52,12 +54,15 @@ def test_a_capsule(capsule):
     assert ours > lloyds + 0.2
 
 
+@pytest.mark.slow
 def test_a_torus():
     assert likeness("torus", 24) > 0.975
     assert likeness("torus", 24) > likeness("torus", 24, "lloyd") + 0.2
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 60])
+@pytest.mark.parametrize(
+    "count", [1, pytest.param(2, marks=slow), 3, pytest.param(7, marks=slow), pytest.param(60, marks=slow)]
+)
 def test_always_as_many_spheres_as_asked_for(count):
     found, quality = fitted(shapes.scene(*shapes.box((0, 0, 0), (1e-5, 2e-5, 1e-5))), count)
     assert len(found) == count
@@ -68,6 +73,7 @@ def test_always_as_many_spheres_as_asked_for(count):
     assert quality["silhouette_iou"] > 0.5
 
 
+@pytest.mark.slow
 def test_more_spheres_than_a_ball_can_use():
     found, quality = fitted(shapes.scene(*shapes.ball(3)), 30)
     assert len(found) == 30
@@ -75,6 +81,7 @@ def test_more_spheres_than_a_ball_can_use():
     assert quality["silhouette_iou"] > 0.98
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_other_seed_other_spheres():
     scene = shapes.scene(*shapes.torus(around=12, across=6))
     first, again, other = fitted(scene, 5)[0], fitted(scene, 5)[0], fitted(scene, 5, seed=1)[0]
@@ -83,6 +90,7 @@ def test_same_seed_same_bytes_other_seed_other_spheres():
     assert first.radii.tobytes() != other.radii.tobytes()
 
 
+@pytest.mark.slow
 def test_place_and_size_do_not_matter():
     scene = shapes.scene(*shapes.torus(around=24, across=12))
     plain = fitted(scene, 4)[1]["silhouette_iou"]
@@ -96,10 +104,10 @@ def test_place_and_size_do_not_matter():
 @pytest.mark.parametrize(
     ("shape", "least"),
     [
-        (shapes.cap(), 0.88),
+        pytest.param(shapes.cap(), 0.88, marks=slow),
         (FLAT, 0.65),
-        ((FLAT[0], np.concatenate([FLAT[1], FLAT[1][:, ::-1]])), 0.65),
-        ((FLAT[0], FLAT[1][:, ::-1]), 0.65),
+        pytest.param((FLAT[0], np.concatenate([FLAT[1], FLAT[1][:, ::-1]])), 0.65, marks=slow),
+        pytest.param((FLAT[0], FLAT[1][:, ::-1]), 0.65, marks=slow),
     ],
     ids=["shell", "plate", "two-sided plate", "plate turned over"],
 )
@@ -113,6 +121,7 @@ def test_surfaces_without_an_inside(shape, least):
     assert quality["silhouette_iou"] > fitted(scene, 12, "lloyd")[1]["silhouette_iou"] + 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [shapes.box((-1, -1e-5, -1e-5), (1, 1e-5, 1e-5)), (np.eye(3), [[0, 1, 2]])],
                          ids=["needle", "triangle"])  # fmt: skip
 def test_needles_and_single_triangles_give_finite_spheres(shape):
@@ -123,12 +132,14 @@ def test_needles_and_single_triangles_give_finite_spheres(shape):
         assert np.isfinite(list(quality.values())).all()
 
 
+@pytest.mark.slow
 def test_inside_out_is_as_good():
     positions, faces = shapes.torus()
     turned = fitted(shapes.scene(positions, faces[:, ::-1]), 12)[1]["silhouette_iou"]
     assert turned == pytest.approx(likeness("torus", 12), abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["torus", "clutter"])
 def test_more_spheres_are_never_much_worse(name):
     found = [likeness(name, count) for count in (2, 6, 12, 24)]
