@@ -46,7 +46,12 @@ LIBRARIES = (
     "numpy", "scipy", "moderngl", "glcontext", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click", "rich",
 )  # fmt: skip
 # The extras of the package and what each brings.
-EXTRAS = {"ray": ("embreex",), "compressed": ("DracoPy", "meshoptimizer"), "cluster": ("distributed",)}
+EXTRAS = {
+    "ray": ("embreex",),
+    "compressed": ("DracoPy", "meshoptimizer"),
+    "formats": ("lxml", "networkx", "pycollada"),
+    "cluster": ("distributed",),
+}
 
 # Variables that steer the drivers and the loaders of libraries.
 _STARTS = ("EGL_", "GALLIUM_", "GLCONTEXT_", "LIBGL_", "LP_", "MESA_", "NVIDIA_", "__EGL_", "__GLX_", "__NV_")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.gltf.accessors import doubles, numbers, view_bytes
-from aoprecalc.io.formats.gltf.compression import decompressed, draco
-from aoprecalc.io.formats.gltf.document import GltfDocument
+from aoprecalc.io.formats.gltf import compression
+from aoprecalc.io.formats.gltf.compression import decompressed
+from aoprecalc.io.formats.gltf.document import GltfDocument, doubles, numbers, view_bytes
 
 DRACO, EXT, KHR = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"
 
@@ -211,8 +211,8 @@ def test_draco_signed_fractions(gltf, dracopy):
 
 def test_draco_streams_and_accessors_that_are_shared(gltf, dracopy, monkeypatch):
     read = []
-    original = draco.read_stream
-    monkeypatch.setattr(draco, "read_stream", lambda *given: read.append(given[1]) or original(*given))
+    original = compression.read_stream
+    monkeypatch.setattr(compression, "read_stream", lambda *given: read.append(given[1]) or original(*given))
     streams = [dracopy.encode(POINTS + add, TRIANGLES, quantization_bits=0, preserve_order=True) for add in (0, 5)]
     position, indices = promise(gltf, POINTS), promise(gltf, TRIANGLES.reshape(-1))
     first = add_draco(gltf, streams[0], {"POSITION": 0}, {"POSITION": position}, indices)

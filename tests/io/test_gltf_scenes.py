@@ -169,4 +169,4 @@ def test_glass_is_told_to_be_lost_in_an_obj(gltf_cube, tmp_path):
     gltf.node(mesh=gltf.mesh(cube | {"material": 0}))
     options = BakeOptions(64, 64, directions=64)
     report = bake(gltf.save(), tmp_path / "a.png", mesh_output=tmp_path / "a.obj", options=options).report
-    assert any("OBJ says nothing of glass" in line for line in report["warnings"])
+    assert any("OBJ holds neither transparency nor alpha masks" in line for line in report["warnings"])

@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from aoprecalc.io import load_scene, read_image
-from aoprecalc.io.formats.gltf.accessors import doubles, numbers, raw_rows
+from aoprecalc.io.formats.gltf.document import doubles, numbers, raw_rows
 
 
 def occlusion_uvs(scene):

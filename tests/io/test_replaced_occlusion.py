@@ -9,7 +9,7 @@ import pytest
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import Outputs, write_baked_mesh, write_image
-from aoprecalc.io.formats.gltf.accessors import GltfBuffer
+from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.references import close_gaps, place, release
 from gltf_kit.gltf_maker import png
 from gltf_kit.gltf_values import GltfValues

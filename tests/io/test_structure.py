@@ -335,7 +335,7 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     assert "1 materials had an ambient texture" in warnings[0]
     back = load_scene(path)
     assert back.document.materials["paint"].ambient == path.with_name("x_ao.png")
-    assert back.document.materials["paint"].picture.samefile(tmp_path / "bricks.png")
+    assert back.document.materials["paint"].texture.samefile(tmp_path / "bricks.png")
 
 
 def test_pictures_that_no_receiver_shows_leave_an_obj_what_it_is(painted, save):

@@ -97,6 +97,7 @@ _WHY = {
 _USES = {
     "ray": "to trace rays where there is no OpenGL, and to verify",
     "compressed": "to read Draco and meshopt meshes (meshoptimizer needs a C++ compiler)",
+    "formats": "to read COLLADA and 3MF",
     "cluster": "to share batches among machines",
 }
 

@@ -72,7 +72,7 @@ from aoprecalc.options import RANGES, BakeOptions
 @click.option("--report", metavar="FILE", help="Write what was read, chosen and measured as JSON.")
 @common
 def bake(mesh: str, size: tuple[int, int], **given: Any) -> None:
-    """Bake the ambient occlusion of MESH (.obj .ply .stl .off .gltf .glb) into a texture.
+    """Bake the ambient occlusion of MESH (.obj .ply .stl .off .gltf .glb .dae .3mf) into a texture.
 
     Writes the texture and the mesh that it belongs to.
     """

@@ -62,7 +62,7 @@ from aoprecalc.options import SphereOptions
 )
 @common
 def spheres(mesh: str, **given: Any) -> None:
-    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb), for casting soft shadows or for collisions.
+    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb .dae .3mf), to cast shadows or collide.
 
     Writes them, in the mesh's own coordinates, as JSON or as what the output's extension says.
     """

@@ -1,7 +1,10 @@
-"""The doors through which meshes come in and go out, whatever the kind of file."""
+"""Mesh files of every format: reading, writing with the results of a bake, and finding a mesh's occlusion texture.
+
+`FORMATS` lists the formats; everything else here looks them up by the extension of a path or by Scene.format.
+"""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -9,170 +12,115 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError, OutputError, UsageError
-from aoprecalc.io.formats.base import Picture, Pictured
-from aoprecalc.io.formats.builder import damaged
-from aoprecalc.io.formats.gltf.document import GltfDocument, gltf_files
-from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
-from aoprecalc.io.formats.gltf.reader import read_gltf
-from aoprecalc.io.formats.gltf.writer import write_gltf
-from aoprecalc.io.formats.obj.materials import material_files
-from aoprecalc.io.formats.obj.reader import ObjDocument, Section, obj_files, read_obj
-from aoprecalc.io.formats.obj.writer import material_use, write_obj
-from aoprecalc.io.formats.off import read_off
-from aoprecalc.io.formats.ply import PlyDocument, ply_files, read_ply, write_ply
-from aoprecalc.io.formats.stl import read_stl
+from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo
+from aoprecalc.io.formats.builder import ArraysFormat
+from aoprecalc.io.formats.gltf import GltfFormat
+from aoprecalc.io.formats.obj import ObjFormat
+from aoprecalc.io.formats.off import OffFormat
+from aoprecalc.io.formats.ply import PlyFormat
+from aoprecalc.io.formats.stl import StlFormat
+from aoprecalc.io.formats.trimesh_formats import ColladaFormat, ThreeMfFormat
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Part, Scene
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene
 
-READERS: dict[str, Callable[[Path, bytes], Scene]] = {
-    "obj": read_obj,
-    "ply": read_ply,
-    "stl": read_stl,
-    "off": read_off,
-    "gltf": read_gltf,
-    "glb": read_gltf,
-}
+FORMATS: tuple[MeshFormat, ...] = (
+    ObjFormat(),
+    PlyFormat(),
+    StlFormat(),
+    OffFormat(),
+    GltfFormat(),
+    ColladaFormat(),
+    ThreeMfFormat(),
+)
 
-# What finds the files that one refers to; the other kinds of file refer to none.
-REFERENCES: dict[str, Callable[[Path, bytes], list[Path]]] = {
-    "obj": obj_files,
-    "ply": ply_files,
-    "gltf": gltf_files,
-    "glb": gltf_files,
-}
+_BY_EXTENSION = {extension: mesh_format for mesh_format in FORMATS for extension in mesh_format.extensions}
+MESH_EXTENSIONS = tuple(_BY_EXTENSION)
+OUTPUT_MESH_EXTENSIONS = tuple(extension for extension, mesh_format in _BY_EXTENSION.items() if mesh_format.writes)
 
-WRITERS: dict[str, Callable[[Outputs, Path, Scene, Atlas, Float32Array, Path, Pack], tuple[str, ...]]] = {
-    "obj": write_obj,
-    "ply": write_ply,
-    "gltf": write_gltf,
-    "glb": write_gltf,
-}
+_ARRAYS = ArraysFormat()
 
-MESH_EXTENSIONS = tuple(f".{kind}" for kind in READERS)
-OUTPUT_MESH_EXTENSIONS = tuple(f".{kind}" for kind in WRITERS)
+
+def format_of(path: str | PathLike[str]) -> MeshFormat:
+    """Return the format that a path's extension names; raises UsageError for an unknown extension."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in _BY_EXTENSION:
+        known = ", ".join(MESH_EXTENSIONS)
+        raise UsageError(f"{path}: the extension {suffix or '(none)'} is not one of {known}; convert the model")
+    return _BY_EXTENSION[suffix]
+
+
+def sniff_format(data: bytes) -> MeshFormat | None:
+    """Return the format that the bytes of a file look like; None for no known one."""
+    return next((mesh_format for mesh_format in FORMATS if mesh_format.sniff(data)), None)
+
+
+def _scene_format(scene: Scene) -> MeshFormat:
+    return _BY_EXTENSION.get(f".{scene.format}", _ARRAYS)
+
+
+# Reading.
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
-    """Read all triangles of an OBJ, PLY, STL, OFF, glTF or GLB file.
+    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, or COLLADA and 3MF through trimesh.
 
-    Polygons, strips and fans come as triangles, points and lines are left out. What a user should know about the
-    input is in Scene.warnings.
+    Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings for the user are in
+    Scene.warnings.
 
-    Raises UsageError for another extension, and InputError if the file is missing, cannot be understood, is not
-    finite, refers to what is not there or has no faces with area.
+    Raises UsageError for an unknown extension, and InputError where the file is missing or damaged, has values that are
+    not finite, refers to missing data or has no faces with area.
     """
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder, a mesh file was expected; name a file inside it")
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in READERS:
-        known = ", ".join(f".{known}" for known in READERS)
-        raise UsageError(f"{path}: the extension {path.suffix or '(none)'} is not one of {known}; convert the model")
-    data = _read(path)
+    format_of(path)
+    return read_scene(path, _read_bytes(path))
+
+
+def read_scene(path: Path, data: bytes) -> Scene:
+    """Read a mesh file of the given bytes, as `load_scene` does.
+
+    path   need not exist; its extension names the format, and its folder has the files that the mesh refers to
+    """
+    mesh_format = format_of(path)
     try:
-        with np.errstate(all="ignore"):  # numbers that are not finite are looked for, so they need no second word
-            return READERS[kind](path, data)
-    except AoprecalcError:
-        raise
+        with np.errstate(all="ignore"):  # values that are not finite are looked for afterwards
+            return mesh_format.read(path, data)
     except MemoryError as error:
         raise InputError(f"{path}: does not fit into memory; use a smaller model") from error
-    except Exception as error:  # whatever a damaged file provokes in a reader
+    except Exception as error:  # a damaged file may raise anything in a reader
+        actual = None if mesh_format.sniff(data) else sniff_format(data)
+        if actual is not None:
+            extensions = " or ".join(actual.extensions)
+            raise InputError(
+                f"{path}: its content is {actual.name}, {mesh_format.name} was expected; rename it to {extensions}"
+            ) from error
+        if isinstance(error, AoprecalcError):
+            raise
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         if isinstance(error, KeyError):
             reason = f"{reason} is missing or unknown"
         raise InputError(
-            f"{path}: cannot be understood as {kind.upper()} ({reason}); the file is damaged, export it again"
+            f"{path}: cannot be read as {mesh_format.name} ({reason}); the file is damaged, export it again"
         ) from error
 
 
 def source_files(scene: Scene) -> list[Path]:
     """Return the files that a scene was read from or that its document refers to; no output may replace them."""
-    if isinstance(scene.document, GltfDocument):
-        return [scene.path, *scene.document.files()]
-    if isinstance(scene.document, ObjDocument):
-        return [scene.path, *scene.document.libraries, *material_files(scene.document.materials.values())]
-    if isinstance(scene.document, PlyDocument) and scene.document.picture is not None:
-        return [scene.path, scene.document.picture]
-    return [scene.path] if scene.format else []
+    return _scene_format(scene).source_files(scene)
 
 
 def input_files(path: Path, data: bytes) -> list[Path]:
-    """Return the same, whether they are there or not, of a mesh file of the given bytes, without reading its mesh."""
-    kind = path.suffix.lower().removeprefix(".")
+    """Return a mesh file of the given bytes and the files it refers to, existing or not, without reading the mesh."""
+    mesh_format = _BY_EXTENSION.get(path.suffix.lower(), _ARRAYS)
     try:
-        return [path, *dict.fromkeys(REFERENCES[kind](path, data) if kind in REFERENCES else ())]
+        return [path, *dict.fromkeys(mesh_format.referenced_files(path, data))]
     except Exception:  # a damaged file refers to nothing that could be used
         return [path]
 
 
-def output_mesh_extension(scene: Scene, atlas: Atlas | None = None) -> tuple[str, str]:
-    """Return the extension (with its dot) that a baked copy of the scene gets, and why if it is another than before.
-
-    atlas   the UVs of the bake; None where they are not known yet and may be new ones
-
-    An OBJ stays one unless its set of UVs is needed by the pictures (map_Kd) of parts that receive, and for new UVs.
-    """
-    if not scene.format:  # from arrays
-        return ".glb", ""
-    if scene.format not in WRITERS:
-        return ".glb", f"{scene.format.upper()} holds no UVs, so the mesh becomes a GLB"
-    if isinstance(scene.document, ObjDocument) and (atlas is None or atlas.uv_set is None):
-        used = dict.fromkeys(material for material, receives in map(material_use, scene.parts) if receives)
-        known = scene.document.materials
-        pictured = [name for name in used if name in known and known[name].picture is not None]
-        if pictured:
-            names = ", ".join(pictured[:3]) + (", ..." if len(pictured) > 3 else "")
-            found = f"OBJ holds one set of UVs, which the textures of its materials ({names}) need"
-            return ".glb", f"{found}, so the mesh becomes a GLB with both"
-    return f".{scene.format}", ""
-
-
-def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none") -> None:
-    """Raise UsageError unless a mesh with UVs, packed as asked for, can be written under that name."""
-    suffix = Path(path).suffix.lower()
-    if suffix.removeprefix(".") not in WRITERS:
-        known = ", ".join(f".{known}" for known in WRITERS)
-        found = f"the extension {suffix or '(none)'} is of no mesh that holds UVs"
-        raise UsageError(f"{path}: {found}, one of {known} was expected; choose one of these")
-    if pack == "orm" and suffix not in (".gltf", ".glb"):
-        raise UsageError(f"{path}: --pack orm is for .gltf and .glb alone; omit it, or write one of these")
-
-
-def write_baked_mesh(
-    outputs: Outputs,
-    mesh_path: str | PathLike[str],
-    scene: Scene,
-    atlas: Atlas,
-    normals: Float32Array,
-    texture_path: str | PathLike[str],
-    *,
-    pack: Pack = "none",
-) -> tuple[str, ...]:
-    """Write a mesh with the UVs and normals of its bake, its kind by the extension of `mesh_path`.
-
-    outputs        receives all files: the mesh and what goes with it (.mtl, .bin, copies of images)
-    atlas          of the scene
-    normals        (f, 3, 3) float32, unit length: the shading normals that were used
-    texture_path   of the baked texture, already written: to `outputs`, or as a file
-    pack           orm: glTF has the texture in one picture with roughness and metalness where these have the same UVs
-
-    A glTF document keeps everything else, and has the texture as occlusion texture; OBJ and PLY refer to it by
-    map_Kd or map_Ka and a TextureFile comment. A GLB holds the texture in itself.
-
-    Returns lines that the user should see. Raises UsageError for another extension, OutputError where a file cannot be
-    written.
-    """
-    check_mesh_extension(mesh_path, pack)
-    path = Path(mesh_path)
-    write = WRITERS[path.suffix.lower().removeprefix(".")]
-    try:
-        return write(outputs, path, scene, atlas, normals, Path(texture_path), pack)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
-
-
-def _read(path: Path) -> bytes:
+def _read_bytes(path: Path) -> bytes:
     if not path.exists():
         raise InputError(f"{path}: there is no such file, a mesh was expected; check the path")
     if not path.is_file():
@@ -188,23 +136,77 @@ def _read(path: Path) -> bytes:
     return data
 
 
+# Writing.
+
+
+def output_mesh_extension(scene: Scene, atlas: Atlas | None = None) -> tuple[str, str]:
+    """Return the extension (with its dot) of the baked copy of a scene, and why it differs from the input's, if so.
+
+    atlas   of the bake; None before it is known, when new UVs have to be expected
+    """
+    return _scene_format(scene).output_extension(scene, atlas)
+
+
+def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none") -> None:
+    """Raise UsageError unless a mesh with UVs, packed as asked for, can be written under that name."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in OUTPUT_MESH_EXTENSIONS:
+        known = ", ".join(OUTPUT_MESH_EXTENSIONS)
+        found = f"the extension {suffix or '(none)'} is not that of a mesh with UVs"
+        raise UsageError(f"{path}: {found}, one of {known} was expected; choose one of these")
+    if pack == "orm" and not _BY_EXTENSION[suffix].packs_orm:
+        raise UsageError(f"{path}: --pack orm needs .gltf or .glb; omit it, or write one of these")
+
+
+def write_baked_mesh(
+    outputs: Outputs,
+    mesh_path: str | PathLike[str],
+    scene: Scene,
+    atlas: Atlas,
+    normals: Float32Array,
+    texture_path: str | PathLike[str],
+    *,
+    pack: Pack = "none",
+) -> tuple[str, ...]:
+    """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension; return warnings.
+
+    outputs        receives all files: the mesh and what belongs to it (.mtl, .bin, copies of images)
+    normals        (f, 3, 3) float32, unit length: the shading normals that were used
+    texture_path   the baked texture, already written: to `outputs`, or as a file
+    pack           "orm": glTF stores it in one image with roughness and metalness where these use the same UVs
+
+    A glTF source stays as it is except for the occlusion texture; OBJ and PLY refer to the texture by map_Kd or map_Ka
+    and by a TextureFile comment. A GLB embeds the texture.
+
+    Raises UsageError for another extension, OutputError where a file cannot be written.
+    """
+    check_mesh_extension(mesh_path, pack)
+    path, source = Path(mesh_path), _scene_format(scene)
+    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack)
+    try:
+        warnings = format_of(path).write_with_ao(outputs, path, mesh)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
+    return (*warnings, *([f"{path}: {source.name} was read without {source.not_read}"] if source.not_read else []))
+
+
 # The occlusion texture of a mesh.
 
 
 class NoOcclusionError(InputError):
-    """A mesh refers to no picture of its ambient occlusion, or has no UVs by which one lies on it."""
+    """A mesh has no occlusion texture, or no UVs for one."""
 
 
 @dataclass(frozen=True, eq=False)
 class OcclusionTexture:
-    """A picture of ambient occlusion and how it lies on a scene.
+    """An ambient occlusion texture and its UVs on a scene.
 
-    name      what to call it: the path of its file, where it has one of its own
-    path      of that file; None where it is within the mesh's
+    name      for messages: the path of its file, where it has one
+    path      of that file; None for an image embedded in the mesh's file
     values    (height, width) float32, row 0 at v = 1
     uvs       (f, 3, 2) float64, v upwards, NaN where a face has none
-    shown     (f,) bool: the faces that show this picture
-    warnings  what the user should know
+    shown     (f,) bool: the faces that have this texture
+    warnings  for the user
     """
 
     name: str
@@ -216,65 +218,43 @@ class OcclusionTexture:
 
 
 def find_occlusion(scene: Scene, texture: Path | None = None) -> OcclusionTexture:
-    """Return the ambient occlusion of a scene: of a `texture` where one is given, else of what the file refers to.
+    """Return the ambient occlusion of a scene: the file `texture` where it is given, else what the mesh refers to.
 
-    That is the occlusionTexture of glTF, map_Ka or map_Kd of an OBJ's materials, and the TextureFile of a PLY; where
-    there is none, `<stem>.png` beside the mesh. Where materials have different pictures, it is the first, or that of
-    them which is `texture`, and its faces only. UVs are those of the occlusionTexture, else the file's first.
+    That is the occlusionTexture of glTF, map_Ka or map_Kd of an OBJ's materials, and the TextureFile of a PLY; without
+    any of them, `<stem>.png` beside the mesh. Where materials have different textures, the result is the first, or the
+    one that is the file `texture`, on its faces only. The UVs are those of the occlusionTexture, else the first set.
 
-    Raises NoOcclusionError where there are no UVs or no picture is found, InputError where it cannot be read.
+    Raises NoOcclusionError where there are no UVs or no texture is found, InputError where it cannot be read.
     """
-    parts = [_part(scene, part) for part in scene.parts]
+    parts = [_scene_format(scene).occlusion_of(scene, part) for part in scene.parts]
     if all(part.uvs is None for part in parts):
-        found = "has no UVs, by which a texture lies on a mesh"
-        raise NoOcclusionError(f"{scene.path}: {found}; bake it, or export it with UVs")
-    pictures = list(dict.fromkeys(part.picture for part in parts if part.picture is not None))
-    chosen = _choose(scene.path, pictures, texture)
+        raise NoOcclusionError(f"{scene.path}: has no UVs, which a texture needs; bake it, or export it with UVs")
+    images = list(dict.fromkeys(part.image for part in parts if part.image is not None))
+    chosen = _choose(scene.path, images, texture)
     sizes = [part.stop - part.start for part in scene.parts]
-    shown = np.repeat([chosen not in pictures or part.picture == chosen for part in parts], sizes)
+    shown = np.repeat([chosen not in images or part.image == chosen for part in parts], sizes)
     uvs = [np.full((n, 3, 2), np.nan) if part.uvs is None else part.uvs for n, part in zip(sizes, parts, strict=True)]
 
-    said = dict.fromkeys(part.note for part in parts if part.note and part.picture == chosen)
+    warnings = dict.fromkeys(part.note for part in parts if part.note and part.image == chosen)
     if not shown.all():
-        others = ", ".join(picture.name for picture in pictures if picture != chosen)
+        others = ", ".join(image.name for image in images if image != chosen)
         left_out = f"{np.count_nonzero(~shown)} of {len(shown)} faces are left out: their materials have"
-        said[f"{left_out} {f'other pictures ({others})' if others else 'no such picture'}"] = None
-    values = chosen.read()
+        warnings[f"{left_out} {f'other textures ({others})' if others else 'no such texture'}"] = None
+    values = chosen.first_channel()
     if not np.isfinite(values).all():
         raise InputError(f"{chosen.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    return OcclusionTexture(chosen.name, chosen.path, values, np.concatenate(uvs), shown, tuple(said))
+    return OcclusionTexture(chosen.name, chosen.path, values, np.concatenate(uvs), shown, tuple(warnings))
 
 
-def _part(scene: Scene, part: Part) -> Pictured:
-    """Return what the scene's document says about one part."""
-    if isinstance(scene.document, GltfDocument):
-        try:
-            return gltf_occlusion(scene.document, part)
-        except AoprecalcError:
-            raise
-        except Exception as error:  # whatever a damaged document provokes
-            reason = f"its materials cannot be understood ({type(error).__name__}: {error})"
-            raise damaged(scene.path, reason) from error
-    path = None
-    if isinstance(scene.document, ObjDocument) and isinstance(part.source, Section):
-        material = scene.document.materials.get(part.source.material or "")
-        path = None if material is None else material.ambient or material.picture
-    elif isinstance(scene.document, PlyDocument):
-        path = scene.document.picture
-    uvs = None if scene.uvs is None else scene.uvs[part.start : part.stop]
-    return Pictured(None if path is None else Picture(str(path), path), uvs)
-
-
-def _choose(mesh: Path, pictures: Sequence[Picture], texture: Path | None) -> Picture:
+def _choose(mesh: Path, images: Sequence[ImageSource], texture: Path | None) -> ImageSource:
     beside = mesh.with_suffix(".png")
-    if texture is None and not pictures and beside.is_file():
+    if texture is None and not images and beside.is_file():
         texture = beside
     if texture is not None:
-        same = (p for p in pictures if p.path is not None and os.path.realpath(p.path) == os.path.realpath(texture))
-        return next(same, Picture(str(texture), texture))
-    if not pictures:
+        same = (i for i in images if i.path is not None and os.path.realpath(i.path) == os.path.realpath(texture))
+        return next(same, ImageSource(str(texture), texture))
+    if not images:
         raise NoOcclusionError(
-            f"{mesh}: refers to no picture of its ambient occlusion, and there is no {beside.name} beside it; "
-            "pass the picture with --texture"
+            f"{mesh}: refers to no occlusion texture, and there is no {beside.name} beside it; pass one with --texture"
         )
-    return pictures[0]
+    return images[0]

@@ -1,16 +1,232 @@
-"""What becomes of a bake in a format that holds one set of UVs and one place for each part."""
+"""What a mesh format is, and what the formats share.
 
+A format is a subclass of `MeshFormat` in a module of this folder, listed once in `aoprecalc.io.meshes.FORMATS`. It
+reads a file into a Scene and, where it can hold UVs, writes the Scene back with the UVs, the normals and the texture of
+a bake. Formats do not know each other: what one can use of another's file is in `SourceDocument` and `PartSource`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
+from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.images import decode_pixels, read_pixels
-from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Scene
+from aoprecalc.io.outputs import Outputs
+from aoprecalc.options import Pack
+from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
 
-def placed_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
-    """Return the atlas's UVs, (f, 3, 2), where parts that share a place have those of its owner.
+@dataclass(frozen=True, eq=False)
+class MeshWithAo:
+    """A scene with the results of its bake, to be written as a mesh file.
+
+    atlas     of the scene
+    normals   (f, 3, 3) float32, unit length: the shading normals that were used
+    texture   the path of the baked texture, already written
+    pack      "orm": glTF stores occlusion in one image with roughness and metalness where these use the same UVs
+    """
+
+    scene: Scene
+    atlas: Atlas
+    normals: Float32Array
+    texture: Path
+    pack: Pack = "none"
+
+
+@dataclass(frozen=True)
+class ImageSource:
+    """An image that a mesh file refers to.
+
+    name   for messages
+    path   its file; None for an image embedded in the mesh's file
+    data   the bytes of an embedded image
+    """
+
+    name: str
+    path: Path | None = None
+    data: bytes = field(default=b"", repr=False, compare=False)
+
+    def pixels(self) -> Float32Array:
+        """Return the stored values, (height, width, channels) float32; raises InputError where it cannot be read."""
+        return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
+
+    def first_channel(self) -> Float32Array:
+        """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""
+        return np.ascontiguousarray(self.pixels()[:, :, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class PartOcclusion:
+    """The occlusion texture of one part of a scene, as its file states it.
+
+    image   None where the part has no occlusion texture
+    uvs     (n, 3, 2) float64 at the part's corners, v upwards: those of the texture, else the first UV set; None where
+            the part has no UVs
+    note    a warning for the user; empty if none
+    """
+
+    image: ImageSource | None
+    uvs: Float64Array | None
+    note: str = ""
+
+
+class MeshFormat(ABC):
+    """Reads one kind of mesh file and, optionally, writes it with the results of a bake.
+
+    name           for messages
+    extensions     lower case, with the dot
+    writes         `write_with_ao` is implemented
+    packs_orm      a texture of occlusion, roughness and metalness can be written
+    one_uv_set     the format holds one UV set; a baked one replaces those of the file
+    alpha          the format holds transparency and alpha masks
+    not_read       what a file of this format may hold and `read` leaves out, so that a GLB lacks it; empty if nothing
+    """
+
+    name: ClassVar[str]
+    extensions: ClassVar[tuple[str, ...]]
+    writes: ClassVar[bool] = False
+    packs_orm: ClassVar[bool] = False
+    one_uv_set: ClassVar[bool] = True
+    alpha: ClassVar[bool] = False
+    not_read: ClassVar[str] = ""
+
+    @abstractmethod
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether the bytes of a file look like this format, whatever the file's name."""
+
+    @abstractmethod
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Read a file of the given bytes; `path` need not exist, but locates the files that it refers to.
+
+        Raises InputError where the file is damaged or has no usable faces.
+        """
+
+    def referenced_files(self, path: Path, data: bytes) -> list[Path]:
+        """Return the files that a file of the given bytes refers to, existing or not."""
+        return []
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return the files that a scene was read from or refers to; no output may replace them."""
+        return [scene.path]
+
+    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+        """Return the extension of the baked copy of a scene of this format, and why it differs; empty if it does not.
+
+        atlas   of the bake; None before it is known, when new UVs have to be expected
+        """
+        if self.writes:
+            return f".{scene.format}", ""
+        return ".glb", f"{self.name} holds no UVs, so the mesh becomes a GLB"
+
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+        """Write a scene of any format with the UVs, normals and texture of its bake; return warnings."""
+        raise NotImplementedError(f"{self.name} is not written")
+
+    def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
+        """Return the occlusion texture of a part, and its UVs; raises InputError where the document is damaged."""
+        return PartOcclusion(None, first_uvs(scene, part))
+
+    def losses(self, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+        """Return warnings about what the file at `path`, of this format, cannot hold of a scene."""
+        scene, lost = mesh.scene, list[str]()
+        materials = [part.material for part in scene.parts]
+        if not self.alpha and any(material.transparent or material.alpha_mask is not None for material in materials):
+            lost.append(
+                f"{path}: {self.name} holds neither transparency nor alpha masks, which the bake has used; "
+                "write a .glb to keep them"
+            )
+        if self.one_uv_set and scene.uv_sets and mesh.atlas.uv_set != 0:
+            lost.append(
+                f"{path}: {self.name} holds one set of UVs; those of {scene.path.name} are replaced, "
+                "write a .glb to keep both"
+            )
+        return tuple(lost)
+
+
+# What a format can use of a file of another format.
+
+
+@dataclass(frozen=True)
+class SourceMaterial:
+    """The diffuse colour (red, green, blue, 0 to 1) and diffuse texture of a material."""
+
+    name: str
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    texture: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SourceDocument:
+    """What a reader keeps of its file, for writing it back.
+
+    polygons    the file's polygons, which were cut into the scene's triangles
+    materials   by name
+    """
+
+    polygons: Polygons
+    materials: Mapping[str, SourceMaterial]
+
+
+@dataclass(frozen=True)
+class PartSource:
+    """Where a part of a scene comes from: the name of its material; None where it has none."""
+
+    material: str | None = None
+
+
+def source_polygons(scene: Scene) -> Polygons:
+    """Return the polygons of a scene's file, or else its triangles."""
+    document = scene.document
+    return document.polygons if isinstance(document, SourceDocument) else Polygons.of_triangles(len(scene.faces))
+
+
+def source_materials(scene: Scene) -> Mapping[str, SourceMaterial]:
+    """Return the materials of a scene's file by name."""
+    return scene.document.materials if isinstance(scene.document, SourceDocument) else {}
+
+
+MaterialUse = tuple[str | None, bool]  # the name of a material, None for none, and whether its parts receive
+
+
+def material_use(part: Part) -> MaterialUse:
+    """Return the material of a part, and whether the part receives."""
+    return (part.source.material if isinstance(part.source, PartSource) else None), part.receives
+
+
+def material_names(parts: Sequence[Part], known: Iterable[str]) -> dict[MaterialUse, str]:
+    """Name the materials of the output: as in the file, with a copy for baked parts where others do not receive.
+
+    known   names of materials that are taken, beside those of the parts
+    """
+    uses = list(dict.fromkeys(map(material_use, parts)))
+    taken = {*known, *(material for material, _ in uses if material)}
+    names: dict[MaterialUse, str] = {}
+    for material, receives in uses:
+        if material is not None and not (receives and (material, False) in uses):
+            names[material, receives] = material
+            continue
+        name = f"{material}_ao" if material else "baked" if receives else "plain"
+        free = next(free for free in chain([name], (f"{name}_{n}" for n in count(2))) if free not in taken)
+        taken.add(free)
+        names[material, receives] = free
+    return names
+
+
+# UVs at the corners of faces.
+
+
+def first_uvs(scene: Scene, part: Part) -> Float64Array | None:
+    """Return the first UV set at the corners of a part, (n, 3, 2) float64; None where there is none."""
+    return None if scene.uvs is None else scene.uvs[part.faces]
+
+
+def output_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
+    """Return the UVs to write, (f, 3, 2): parts that share a UV region get those of the part that owns it.
 
     They are (0, 0) on parts that do not receive.
     """
@@ -19,61 +235,6 @@ def placed_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
         if part.receives and part.uv_owner is not None:
             owner = scene.parts[part.uv_owner]
             mirrored = (part.vertices != owner.vertices).any(axis=1)
-            there = atlas.uvs[owner.faces]
-            uvs[part.faces] = np.where(mirrored[:, None, None], there[:, REVERSED_WINDING], there)
+            shared = atlas.uvs[owner.faces]
+            uvs[part.faces] = np.where(mirrored[:, None, None], shared[:, REVERSED_WINDING], shared)
     return uvs
-
-
-def what_is_lost(path: Path, scene: Scene, atlas: Atlas) -> tuple[str, ...]:
-    """Return warnings: materials that the format cannot hold, and UVs of the file that are replaced."""
-    kind = path.suffix.removeprefix(".").upper()
-    materials = [part.material for part in scene.parts]
-    lost: tuple[str, ...] = ()
-    if any(material.transparent or material.alpha_mask is not None for material in materials):
-        lost = (f"{path}: {kind} says nothing of glass and of holes, which the bake has heeded; a .glb would",)
-    if not scene.uv_sets or atlas.uv_set == 0:
-        return lost
-    return (
-        *lost,
-        f"{path}: {kind} holds one set of UVs; those of {scene.path.name} are replaced, a .glb would hold both",
-    )
-
-
-# What meshes say about the pictures that lie on them.
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A picture that a mesh refers to.
-
-    name   what messages call it
-    path   its file; None where the mesh's own file holds it
-    data   its bytes in that case
-    """
-
-    name: str
-    path: Path | None = None
-    data: bytes = field(default=b"", repr=False, compare=False)
-
-    def pixels(self) -> Float32Array:
-        """Return its values as stored, (height, width, channels) float32; raises InputError where it is unreadable."""
-        return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
-
-    def read(self) -> Float32Array:
-        """Return its first channel, (height, width) float32; raises InputError where it is unreadable."""
-        return np.ascontiguousarray(self.pixels()[:, :, 0])
-
-
-@dataclass(frozen=True, eq=False)
-class Pictured:
-    """The ambient occlusion on one part of a scene, as its file has it.
-
-    picture   None where it names none
-    uvs       (n, 3, 2) float64 at the part's corners, v upwards, those that the picture is for, or else the file's
-              first; None where there are none
-    note      what the user should know about it
-    """
-
-    picture: Picture | None
-    uvs: Float64Array | None
-    note: str = ""

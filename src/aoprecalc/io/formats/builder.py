@@ -1,4 +1,4 @@
-"""How all readers say that a file is damaged."""
+"""From what a reader found in a file, or from arrays, to a checked Scene: the same checks for every format."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -9,44 +9,43 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import InputError
+from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.topology import unique_rows
-from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
+from aoprecalc.types import Atlas, Float32Array, Float64Array, Material, Part, Scene
 
 
-def damaged(path: Path, found: str) -> InputError:
-    """Return the error for a file in which `found` was found, which says what was expected as well."""
+def damaged_file(path: Path, found: str) -> InputError:
+    """Return the error for a damaged file; `found` says what was found and what was expected."""
     return InputError(f"{path}: {found}; the file is damaged, export it again")
 
 
 def check_indices(path: Path, indices: NDArray[Any], count: int) -> None:
-    """Raise InputError unless all vertices that faces refer to are among the `count` that there are."""
+    """Raise InputError unless all vertex indices of faces are within [0, count)."""
     wrong = indices[(indices < 0) | (indices >= count)]
     if wrong.size:
-        raise damaged(path, f"a face refers to vertex {wrong.flat[0]}, but there are {count} (counted from 0)")
+        raise damaged_file(path, f"a face refers to vertex {wrong.flat[0]}, but there are {count} (counted from 0)")
 
 
-# From what a file's reader found to a Scene: the checks and repairs that are the same for every kind of file.
-
-# Coordinates beyond this cannot be squared twice without care, and no unit of length needs them.
-LARGEST_COORDINATE = 1e30
-LEAST_EXTENT = 1e-30  # products of areas below it would vanish
+# Coordinates beyond this overflow when squared twice, and no unit of length needs them.
+_MAX_COORDINATE = 1e30
+_MIN_EXTENT = 1e-30  # products of areas below it underflow
 
 # UVs beyond this have lost the digits that tell texels apart.
-LARGEST_UV = 1e5
+_MAX_UV = 1e5
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """One piece of a file as its reader found it, not yet checked.
+class MeshPiece:
+    """Faces of a file that belong together (a group, a glTF primitive), as read and not yet checked.
 
     name       as in the file, or made up
-    positions  (n, 3) float64 in world placement; pieces may share one array
+    positions  (n, 3) float64 in world space; pieces may share one array
     vertices   (f, 3) integers into positions, counter-clockwise seen from the front
     normals    (f, 3, 3) at the corners, of any length, NaN where the file has none; None if it has none at all
     uv_sets    each (f, 3, 2) at the corners, v upwards, NaN where the file has none
     source     becomes Part.source
-    names      beside `name`, become Part.names
+    names      become Part.names
     material   becomes Part.material
     """
 
@@ -63,7 +62,7 @@ class Piece:
 def build_scene(
     path: Path,
     kind: str,
-    pieces: Sequence[Piece],
+    pieces: Sequence[MeshPiece],
     document: object = None,
     warnings: Sequence[str] = (),
     *,
@@ -87,26 +86,49 @@ def build_scene(
 
     positions, faces = _weld(filled)
     _check_positions(label, positions)
-    said = list(warnings)
+    messages = list(warnings)
     normals_of_faces, has_area = face_normals(positions[faces])
     if not has_area.any():
         raise InputError(
             f"{label}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
         )
     if not has_area.all():
-        said.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
+        messages.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
 
     return Scene(
         path=path,
         format=kind,
         positions=positions,
         faces=faces.astype(np.int32),
-        normals=_gather_normals(filled, normals_of_faces, said),
-        uv_sets=_gather_uv_sets(filled, said),
+        normals=_gather_normals(filled, normals_of_faces, messages),
+        uv_sets=_gather_uv_sets(filled, messages),
         parts=_parts(filled),
         document=document,
-        warnings=tuple(said),
+        warnings=tuple(messages),
     )
+
+
+class ArraysFormat(MeshFormat):
+    """The format of scenes that come from arrays (Scene.format is empty): no file; written as GLB."""
+
+    name = "arrays"
+    extensions = ()
+
+    def sniff(self, data: bytes) -> bool:
+        """Return False: no file has this format."""
+        return False
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Raise InputError: there is nothing to read."""
+        raise InputError(f"{path}: is no mesh file")
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return nothing."""
+        return []
+
+    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+        """Return .glb."""
+        return ".glb", ""
 
 
 def scene_from_arrays(
@@ -125,7 +147,7 @@ def scene_from_arrays(
     uvs       (v, 2) at the vertices or (f, 3, 2) at the corners, v upwards; NaN where there are none
     name      of the part, and of the scene where a path is shown
 
-    Scene.kind is empty, for no file was read. Raises InputError whose text begins with the names of the arguments.
+    Scene.format is empty, for no file was read. Raises InputError whose text begins with the names of the arguments.
     """
     positions = _array("vertices", vertices, np.float64)
     triangles = _array("faces", faces, np.int64)
@@ -142,7 +164,7 @@ def scene_from_arrays(
         if values is not None
     }
     uv_sets = (at_corners["uvs"],) if "uvs" in at_corners else ()
-    piece = Piece(name, positions, triangles, at_corners.get("normals"), uv_sets)
+    piece = MeshPiece(name, positions, triangles, at_corners.get("normals"), uv_sets)
     return build_scene(Path(name), "", [piece], label="vertices, faces")
 
 
@@ -167,7 +189,7 @@ def _corner_values(
     return array if array.ndim == 3 else array[triangles]
 
 
-def _weld(pieces: Sequence[Piece]) -> tuple[Float64Array, NDArray[np.intp]]:
+def _weld(pieces: Sequence[MeshPiece]) -> tuple[Float64Array, NDArray[np.intp]]:
     """Return (v, 3) distinct used positions and (f, 3) faces into them."""
     used_positions, corners, offset = [], [], 0
     for piece in pieces:
@@ -181,12 +203,12 @@ def _weld(pieces: Sequence[Piece]) -> tuple[Float64Array, NDArray[np.intp]]:
 
 
 def _check_positions(label: str, positions: Float64Array) -> None:
-    wrong = ~(np.abs(positions) <= LARGEST_COORDINATE).all(axis=1)
+    wrong = ~(np.abs(positions) <= _MAX_COORDINATE).all(axis=1)
     if not wrong.any():
         extent = np.ptp(positions, axis=0).max()
-        if 0 < extent < LEAST_EXTENT:
+        if 0 < extent < _MIN_EXTENT:
             raise InputError(
-                f"{label}: is {extent:g} units across, at least {LEAST_EXTENT:g} were expected; scale it up"
+                f"{label}: is {extent:g} units across, at least {_MIN_EXTENT:g} were expected; scale it up"
             )
         return
     example = ", ".join(f"{number:g}" for number in positions[wrong][0])
@@ -196,24 +218,26 @@ def _check_positions(label: str, positions: Float64Array) -> None:
     )
 
 
-def _gather_normals(pieces: Sequence[Piece], face_normals: Float64Array, said: list[str]) -> Float32Array | None:
+def _gather_normals(
+    pieces: Sequence[MeshPiece], face_normals: Float64Array, messages: list[str]
+) -> Float32Array | None:
     """Return unit normals for all corners; None where the file has not enough of them."""
     with_normals = [piece.normals for piece in pieces if piece.normals is not None]
     if not with_normals:
         return None
     if len(with_normals) < len(pieces):
         missing = len(pieces) - len(with_normals)
-        said.append(f"{missing} of {len(pieces)} parts have no normals; those of the others are not used")
+        messages.append(f"{missing} of {len(pieces)} parts have no normals; those of the others are not used")
         return None
 
     normals = np.concatenate(with_normals).astype(np.float64)
     largest = np.abs(normals).max(axis=2, keepdims=True)
     usable = np.asarray((np.isfinite(largest) & (largest > 0))[:, :, 0])
     if not usable.any():
-        said.append("all normals of the file are zero or not finite and are not used")
+        messages.append("all normals of the file are zero or not finite and are not used")
         return None
     if not usable.all():
-        said.append(
+        messages.append(
             f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
             "the normal of their face is used there"
         )
@@ -223,7 +247,7 @@ def _gather_normals(pieces: Sequence[Piece], face_normals: Float64Array, said: l
     return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
 
 
-def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Float64Array, ...]:
+def _gather_uv_sets(pieces: Sequence[MeshPiece], messages: list[str]) -> tuple[Float64Array, ...]:
     """Return every set of UVs for all corners, (0, 0) where the file has none."""
     sets = []
     for number in range(max(len(piece.uv_sets) for piece in pieces)):
@@ -232,15 +256,15 @@ def _gather_uv_sets(pieces: Sequence[Piece], said: list[str]) -> tuple[Float64Ar
         )
         uvs = np.full((len(has_set), 3, 2), np.nan)
         uvs[has_set] = np.concatenate([piece.uv_sets[number] for piece in pieces if number < len(piece.uv_sets)])
-        usable = np.asarray((np.abs(uvs) <= LARGEST_UV).all(axis=2))  # NaN is not, either
+        usable = np.asarray((np.abs(uvs) <= _MAX_UV).all(axis=2))  # NaN is not, either
         lacking = np.count_nonzero(has_set & ~usable.all(axis=1))
         if lacking and number == 0:
-            said.append(f"{lacking} of {len(uvs)} faces lack usable UVs")
+            messages.append(f"{lacking} of {len(uvs)} faces lack usable UVs")
         sets.append(np.where(usable[:, :, None], uvs, 0.0))
     return tuple(sets)
 
 
-def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
+def _parts(pieces: Sequence[MeshPiece]) -> tuple[Part, ...]:
     parts, start = [], 0
     for piece in pieces:
         stop = start + len(piece.vertices)
@@ -250,3 +274,9 @@ def _parts(pieces: Sequence[Piece]) -> tuple[Part, ...]:
         )
         start = stop
     return tuple(parts)
+
+
+def cofactors(linear: Float64Array) -> Float64Array:
+    """Return the cofactors of (..., 3, 3) matrices: they transform normals, up to length, and always exist."""
+    a, b, c = linear[..., 0, :], linear[..., 1, :], linear[..., 2, :]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)

@@ -13,22 +13,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.base import placed_uvs, what_is_lost
-from aoprecalc.io.formats.builder import Piece, build_scene, check_indices, damaged
-from aoprecalc.io.formats.obj.reader import ObjDocument
+from aoprecalc.io.formats.base import (
+    ImageSource,
+    MeshFormat,
+    MeshWithAo,
+    PartOcclusion,
+    SourceDocument,
+    first_uvs,
+    output_uvs,
+    source_polygons,
+)
+from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
-from aoprecalc.options import Pack
-from aoprecalc.types import Atlas, Float32Array, Float64Array, Int64Array, Scene
+from aoprecalc.types import Float64Array, Int64Array, Part, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 VERTEX_NORMALS = ("nx", "ny", "nz")
 FACE_LISTS = ("vertex_indices", "vertex_index")
 
 
-REWRITTEN = ("vertex", "face", "tristrips")
+_REWRITTEN = ("vertex", "face", "tristrips")  # elements that the writer makes anew
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,7 @@ class _Header:
     """What a header announces.
 
     order     of the bytes in `body`, which follows it: < or >; or ascii
-    comments  its lines `comment` and `obj_info`, but for the name of its texture
+    comments  its lines `comment` and `obj_info`, except the one that names its texture
     texture   what the first `comment TextureFile` names, as MeshLab writes it
     """
 
@@ -46,29 +53,29 @@ class _Header:
     comments: tuple[str, ...]
     texture: str | None
 
-    def picture(self, path: Path) -> Path | None:
+    def texture_path(self, path: Path) -> Path | None:
         """Return the file of that texture, for the PLY at `path`."""
         return None if self.texture is None else path.parent / self.texture.replace("\\", "/")
 
 
 @dataclass(frozen=True, eq=False)
-class PlyDocument:
-    """A PLY as its writer needs it again. Properties are of the types and in the order that they had in the file.
+class PlyDocument(SourceDocument):
+    """A PLY file, for writing it back; properties have the types and the order of the file.
 
-    vertices   every property of the vertices that is no list: name -> (n,) values
-    polygons   its faces, and after them the triangles of its strips; their corners are in Part.vertices
-    faces      the same of its faces: name -> (polygons,) values, 0 for the triangles of strips
+    `polygons` has its faces, then the triangles of its strips; their corners are in Part.vertices.
+
+    vertices   the scalar properties of the vertices: name -> (n,) values
+    faces      the scalar properties of the polygons: name -> (p,) values, 0 for the triangles of strips
     others     the elements beside vertices, faces and strips
-    comments   its lines `comment` and `obj_info`, but for the name of its texture
-    picture    the file of its texture, where a `comment TextureFile` names one
+    comments   its lines `comment` and `obj_info`, except the one that names its texture
+    texture    the file that a `comment TextureFile` names
     """
 
     vertices: dict[str, NDArray[Any]]
-    polygons: Polygons
     faces: dict[str, NDArray[Any]]
     others: tuple[tuple[Element, Table], ...] = ()
     comments: tuple[str, ...] = ()
-    picture: Path | None = None
+    texture: Path | None = None
 
 
 def read_ply(path: Path, data: bytes) -> Scene:
@@ -77,14 +84,14 @@ def read_ply(path: Path, data: bytes) -> Scene:
     tables = read_table(path, header.elements, header.body, header.order)
     columns = tables.get("vertex", Table({}, {})).columns
     if not all(axis in columns for axis in "xyz"):
-        raise damaged(path, "its vertices have no x, y and z, which were expected")
+        raise damaged_file(path, "its vertices have no x, y and z, which were expected")
     positions = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
 
     polygons, vertices, corner_uvs = _faces(positions, tables)
     face_columns = tables.get("face", Table({}, {})).columns if len(polygons.counts) else {}
     strips = _strips(tables)
     if len(strips):
-        polygons, corner_uvs = polygons.followed_by(Polygons.of_triangles(len(strips))), None
+        polygons, corner_uvs = polygons.concatenate(Polygons.of_triangles(len(strips))), None
         vertices = np.concatenate([vertices, strips])
         face_columns = {name: np.pad(column, (0, len(strips))) for name, column in face_columns.items()}
     check_indices(path, vertices, len(positions))
@@ -95,16 +102,10 @@ def read_ply(path: Path, data: bytes) -> Scene:
         normals = np.column_stack([columns[name] for name in VERTEX_NORMALS])[vertices]
 
     uv_sets = () if corner_uvs is None else (corner_uvs,)
-    others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in REWRITTEN)
-    picture = header.picture(path)
-    document = PlyDocument(columns, polygons, face_columns, others, header.comments, picture)
-    return build_scene(path, "ply", [Piece("mesh", positions, vertices, normals, uv_sets)], document)
-
-
-def ply_files(path: Path, data: bytes) -> list[Path]:
-    """Return the texture that a PLY file of the given bytes names; raises InputError where it is damaged."""
-    picture = _header(path, data).picture(path)
-    return [] if picture is None else [picture]
+    others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in _REWRITTEN)
+    texture = header.texture_path(path)
+    document = PlyDocument(polygons, {}, columns, face_columns, others, header.comments, texture)
+    return build_scene(path, "ply", [MeshPiece("mesh", positions, vertices, normals, uv_sets)], document)
 
 
 def uv_names(columns: Collection[str]) -> tuple[str, ...]:
@@ -122,7 +123,7 @@ def _faces(
         return Polygons.of_triangles(0), np.empty((0, 3), dtype=np.int64), None
     vertices = lists.values.astype(np.int64)
     known = (vertices >= 0) & (vertices < len(positions))
-    # Int64Array that are wrong are reported later; until then any position will do.
+    # Wrong indices are reported later; until then any position will do.
     polygons = Polygons(lists.counts, *polygon_triangles(lists.counts, np.where(known, vertices, 0), positions))
     texcoord = face.lists.get("texcoord")
     if texcoord is None or not np.array_equal(texcoord.counts, 2 * lists.counts):
@@ -144,7 +145,7 @@ def _header(path: Path, data: bytes) -> _Header:
     end = data.find(b"end_header")
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
-        raise damaged(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
+        raise damaged_file(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
     order, texture = "", None
     elements: list[Element] = []
     comments: list[str] = []
@@ -161,7 +162,7 @@ def _header(path: Path, data: bytes) -> _Header:
         elif words[:1] in (["comment"], ["obj_info"]):
             comments.append(line)
     if not order:
-        raise damaged(path, "its PLY header names no known format, ascii or binary was expected")
+        raise damaged_file(path, "its PLY header names no known format, ascii or binary was expected")
     return _Header(elements, order, data[line_end + 1 :], tuple(comments), texture)
 
 
@@ -171,7 +172,7 @@ def _property(path: Path, words: Sequence[str]) -> Property:
             return Property(words[4], words[3], words[2])
         return Property(words[2], words[1])
     except (IndexError, KeyError):
-        raise damaged(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None
+        raise damaged_file(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None
 
 
 # Writes binary PLY with one normal and one UV (s, t) for each vertex.
@@ -184,21 +185,20 @@ _TEXTURE_NUMBER = "texnumber"  # which of several textures a face shows; now the
 _LONGEST_LIST = 255  # that a count of one byte can tell
 
 
-def write_ply(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Float32Array, texture: Path, pack: Pack = "none"
-) -> tuple[str, ...]:
-    """Write a PLY whose vertices are split where UVs or normals differ; return what the user should know.
+def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> None:
+    """Write a PLY whose vertices are split where UVs or normals differ.
 
-    What else a PLY source has is kept, lists of numbers excepted: the vertices with their numbers (those that a split
-    makes follow them), their properties, those of the faces, other elements, comments. A polygon is cut into its
-    triangles where a seam runs through it. The texture is named by a `comment TextureFile`, as MeshLab does.
+    Everything else of a PLY source is kept except list properties: the vertices in their order (those that a split
+    adds come after them), the scalar properties of vertices and faces, other elements, comments. A polygon is cut into
+    its triangles where a seam runs through it. A `comment TextureFile` names the texture, as in MeshLab's files.
     """
+    scene, atlas, normals = mesh.scene, mesh.atlas, mesh.normals
     if isinstance(scene.document, PlyDocument):
         document, origins = scene.document, np.concatenate([part.vertices for part in scene.parts])
     else:
-        document, origins = _fresh_document(scene), scene.faces
-    uvs = placed_uvs(scene, atlas).astype(np.float32)
-    faces = document.polygons.rejoin([uvs, normals], decides=atlas.mapped | (atlas.uv_set is not None))
+        document, origins = _new_document(scene), scene.faces
+    uvs = output_uvs(scene, atlas).astype(np.float32)
+    faces = document.polygons.merge_triangles([uvs, normals], decisive=atlas.mapped | (atlas.uv_set is not None))
 
     at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in (normals, uvs)]
     count = len(document.vertices["x"])
@@ -221,18 +221,16 @@ def write_ply(
         *document.others,
     ]
     header = ["ply", "format binary_little_endian 1.0", *document.comments]
-    header += [f"comment TextureFile {relative_path(texture, path)}"]
+    header += [f"comment TextureFile {relative_path(mesh.texture, path)}"]
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
-    return (*_about_others(path, scene), *what_is_lost(path, scene, atlas))
 
 
-def _fresh_document(scene: Scene) -> PlyDocument:
-    """Say a scene from another kind of file as a PLY; positions are float32 where that is exact, else float64."""
-    polygons = scene.document.polygons if isinstance(scene.document, ObjDocument) else None
+def _new_document(scene: Scene) -> PlyDocument:
+    """Make the PLY of a scene from another format; positions are float32 where that is exact, else float64."""
     vertices = dict(zip("xyz", _shortest(scene.positions).T, strict=True))
-    return PlyDocument(vertices, polygons or Polygons.of_triangles(len(scene.faces)), {})
+    return PlyDocument(source_polygons(scene), {}, vertices, {})
 
 
 def _shortest(positions: Float64Array) -> NDArray[Any]:
@@ -265,11 +263,48 @@ def _element(name: str, count: int, columns: Columns, *lists: Property) -> Eleme
     return Element(name, count, [*lists, *scalars])
 
 
-def _about_others(path: Path, scene: Scene) -> tuple[str, ...]:
-    """Return what the user should know about parts that do not receive: all vertices have UVs here."""
-    others = sum(not part.receives for part in scene.parts)
-    if not others:
-        return ()
-    return (
-        f"{path}: PLY holds one texture, which {others} parts without ambient occlusion show as well; write a .glb",
-    )
+class PlyFormat(MeshFormat):
+    """Stanford PLY, ASCII or binary; written as binary."""
+
+    name = "PLY"
+    extensions = (".ply",)
+    writes = True
+
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether it begins with a PLY header."""
+        return data.startswith(b"ply") and b"end_header" in data
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Read the faces and strips as one part."""
+        return read_ply(path, data)
+
+    def referenced_files(self, path: Path, data: bytes) -> list[Path]:
+        """Return the texture that it names."""
+        texture = _header(path, data).texture_path(path)
+        return [] if texture is None else [texture]
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return the PLY and its texture."""
+        texture = _document(scene).texture
+        return [scene.path, *([] if texture is None else [texture])]
+
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+        """Write a PLY; see `write_ply`."""
+        write_ply(outputs, path, mesh)
+        return self.losses(path, mesh)
+
+    def losses(self, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+        """Warn about parts that do not receive, too: all vertices have UVs here."""
+        others = sum(not part.receives for part in mesh.scene.parts)
+        shown = f"{path}: PLY holds one texture, which {others} parts without ambient occlusion show as well"
+        return (*([f"{shown}; write a .glb"] if others else []), *super().losses(path, mesh))
+
+    def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
+        """Return the texture of the PLY."""
+        path = _document(scene).texture
+        return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
+
+
+def _document(scene: Scene) -> PlyDocument:
+    assert isinstance(scene.document, PlyDocument)  # the reader made it
+    return scene.document

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.builder import damaged
+from aoprecalc.io.formats.builder import damaged_file
 
 Places = NDArray[np.int64]
 
@@ -84,11 +84,15 @@ def read_table(path: Path, elements: list[Element], body: bytes, order: str) -> 
             continue
         least = sum(cells.size(prop.count or prop.kind) for prop in element.properties)
         if element.count < 0 or at + element.count * least > len(cells):
-            raise damaged(path, f"its header promises {element.count} of {element.name!a}, but it ends before that")
+            raise damaged_file(
+                path, f"its header promises {element.count} of {element.name!a}, but it ends before that"
+            )
         try:
             tables[element.name], at = _read_element(cells, element, at)
         except (IndexError, ValueError):
-            raise damaged(path, f"not all of the {element.count} expected rows of {element.name!a} are there") from None
+            raise damaged_file(
+                path, f"not all of the {element.count} expected rows of {element.name!a} are there"
+            ) from None
     return tables
 
 

@@ -1,4 +1,4 @@
-"""From the polygons, strips and fans of a file to triangles, and from triangles back to their polygons."""
+"""Triangulate polygons, strips and fans, and merge triangles back into their polygons."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from aoprecalc.types import BoolArray, Int64Array
 
 Points = NDArray[np.float64]
 
-# A polygon that is no simple fan and has more corners than this is cut as one: cutting ears takes quadratic time.
-LARGEST_EAR_CUT = 1000
-_FLAT = 1e-9  # the share of its polygon's area up to which a triangle counts as without area
-_SAME = 1e-6  # by which rounding may part normals, and UVs, that are meant to be one
+# Ear clipping takes quadratic time: a polygon with more corners than this becomes a fan, whatever its shape.
+_MAX_EAR_CLIPPING = 1000
+_FLAT_RATIO = 1e-9  # triangles up to this fraction of their polygon's area count as degenerate
+_EQUAL_WITHIN = 1e-6  # normals and UVs that differ by no more are the same but for rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
-    """Faces to write.
+class OutputFaces:
+    """OutputFaces to write: polygons and, where a polygon cannot stay whole, its triangles.
 
-    counts   (m,) corners of each
-    corners  (sum of counts,) a corner of a triangle that has the values of each: 3 t + c for corner c of triangle t
-    owners   (m,) the polygon each is, or is part of; ascending
+    counts   (m,) corners of each face
+    corners  (sum of counts,) a triangle corner with the values of each face corner: 3 t + c for corner c of triangle t
+    owners   (m,) the polygon that each face is or belongs to, ascending
     """
 
     counts: Int64Array
@@ -33,11 +33,11 @@ class Faces:
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """The polygons of a file that were cut into triangles.
+    """The polygons of a file and their triangles.
 
-    counts     (p,) corners of each
-    triangles  (t, 3) into the corners of all polygons, end to end
-    owners     (t,) which polygon each triangle is from, ascending
+    counts     (p,) corners of each polygon
+    triangles  (t, 3) indices into the concatenated corners of all polygons
+    owners     (t,) the polygon of each triangle, ascending
     """
 
     counts: Int64Array
@@ -46,86 +46,86 @@ class Polygons:
 
     @classmethod
     def of_triangles(cls, number: int) -> Self:
-        """Return as many triangles that were polygons themselves."""
+        """Return polygons that are triangles, `number` of them."""
         return cls(np.full(number, 3), np.arange(3 * number).reshape(-1, 3), np.arange(number))
 
-    def followed_by(self, other: Self) -> Self:
-        """Return these and then the others."""
+    def concatenate(self, other: Self) -> Self:
+        """Return these polygons followed by the others."""
         return type(self)(
             np.concatenate([self.counts, other.counts]),
             np.concatenate([self.triangles, other.triangles + self.counts.sum()]),
             np.concatenate([self.owners, other.owners + len(self.counts)]),
         )
 
-    def rejoin(self, values: Sequence[NDArray[Any]], decides: BoolArray) -> Faces:
-        """Return each polygon whole where its triangles agree at the corners that they share, else its triangles.
+    def merge_triangles(self, values: Sequence[NDArray[Any]], decisive: BoolArray) -> OutputFaces:
+        """Return each polygon whole if its triangles have equal values at the corners they share, else its triangles.
 
-        values   each (t, 3, c): what the corners of the triangles have
-        decides  (t,) the triangles whose values count; a polygon with a corner at which none counts is not whole
+        values    each (t, 3, c): values at the corners of the triangles
+        decisive  (t,) triangles whose values count; a polygon with a corner at which none counts is not whole
         """
-        every = np.arange(self.triangles.size)
+        all_corners = np.arange(self.triangles.size)
         if np.all(self.counts == 3):
-            return Faces(self.counts, every, self.owners)
-        corners, counts_here = self.triangles.reshape(-1), np.repeat(decides, 3)
-        deputy = np.full(self.counts.sum(), -1)  # of each corner of a polygon: a triangle's corner there
-        deputy[corners[counts_here]] = every[counts_here]
+            return OutputFaces(self.counts, all_corners, self.owners)
+        corners, counted = self.triangles.reshape(-1), np.repeat(decisive, 3)
+        representative = np.full(self.counts.sum(), -1)  # polygon corner -> a triangle corner there
+        representative[corners[counted]] = all_corners[counted]
         whole = self.counts >= 3
-        whole[np.repeat(np.arange(len(self.counts)), self.counts)[deputy < 0]] = False
+        whole[np.repeat(np.arange(len(self.counts)), self.counts)[representative < 0]] = False
         for array in values:
-            rows = array.reshape(len(every), -1)
-            differs = (np.abs(rows - rows[deputy[corners]]) > _SAME).any(axis=1)
-            whole[self.owners[every[differs & counts_here] // 3]] = False
+            rows = array.reshape(len(all_corners), -1)
+            differs = (np.abs(rows - rows[representative[corners]]) > _EQUAL_WITHIN).any(axis=1)
+            whole[self.owners[all_corners[differs & counted] // 3]] = False
 
-        cut = ~whole[self.owners]
-        counts = np.concatenate([self.counts[whole], np.full(np.count_nonzero(cut), 3)])
-        stand_ins = np.concatenate([deputy[np.repeat(whole, self.counts)], every[np.repeat(cut, 3)]])
-        owners = np.concatenate([np.flatnonzero(whole), self.owners[cut]])
+        split = ~whole[self.owners]
+        counts = np.concatenate([self.counts[whole], np.full(np.count_nonzero(split), 3)])
+        face_corners = np.concatenate([representative[np.repeat(whole, self.counts)], all_corners[np.repeat(split, 3)]])
+        owners = np.concatenate([np.flatnonzero(whole), self.owners[split]])
         order = np.argsort(owners, kind="stable")
-        return Faces(counts[order], stand_ins[_ragged(counts, order)], owners[order])
+        return OutputFaces(counts[order], face_corners[_reorder_runs(counts, order)], owners[order])
 
 
-def _ragged(counts: Int64Array, order: Int64Array) -> Int64Array:
-    """Return where the corners of faces that lie end to end are, (sum,), the faces taken in another order."""
+def _reorder_runs(counts: Int64Array, order: Int64Array) -> Int64Array:
+    """Return indices, (sum,), that put concatenated runs of `counts` elements into another order."""
     starts, taken = np.cumsum(counts) - counts, counts[order]
-    moves: Int64Array = np.repeat(starts[order] - (np.cumsum(taken) - taken), taken)
-    return np.arange(len(moves)) + moves
+    offsets: Int64Array = np.repeat(starts[order] - (np.cumsum(taken) - taken), taken)
+    return np.arange(len(offsets)) + offsets
 
 
 def polygon_triangles(counts: Int64Array, vertices: Int64Array, positions: Points) -> tuple[Int64Array, Int64Array]:
-    """Cut polygons into triangles that keep their winding, their order and their corners.
+    """Triangulate polygons; winding, order and corners are kept.
 
-    counts     (p,) corners of each polygon; those of less than 3 give nothing
-    vertices   (sum of counts,) into positions
-    positions  (n, 3); decides how concave polygons are cut
+    counts     (p,) corners of each polygon; polygons with fewer than 3 give no triangle
+    vertices   (sum of counts,) indices into positions
+    positions  (n, 3); they decide how concave polygons are triangulated
 
-    Returns (corners, polygons): (t, 3) into `vertices`, and (t,) which polygon each triangle is from, ascending.
+    Returns (corners, polygons): (t, 3) indices into `vertices`, and (t,) the polygon of each triangle, ascending.
     """
     starts = np.cumsum(counts) - counts
-    cut: list[Int64Array] = []
+    triangles: list[Int64Array] = []
     owners: list[Int64Array] = []
     for size in np.unique(counts[counts >= 3]):
         chosen = np.flatnonzero(counts == size)
-        around = starts[chosen][:, None] + np.arange(size)
-        cut.append(_cut_alike(around, positions[vertices[around]]).reshape(-1, 3))
+        loops = starts[chosen][:, None] + np.arange(size)
+        triangles.append(_triangulate(loops, positions[vertices[loops]]).reshape(-1, 3))
         owners.append(np.repeat(chosen, size - 2))
-    if not cut:
+    if not triangles:
         return np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64)
     owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
-    return np.concatenate(cut)[order], owner[order]
+    return np.concatenate(triangles)[order], owner[order]
 
 
 def strip_triangles(strips: Int64Array) -> Int64Array:
-    """Return the (t, 3) triangles of strips of vertices laid end to end, (n,) with -1 between them.
+    """Return the (t, 3) triangles of concatenated strips of vertices, (n,) with -1 between strips.
 
-    Triangles that repeat a vertex are left out: they are there to turn a corner.
+    Degenerate triangles, which repeat a vertex to continue a strip elsewhere, are left out.
     """
     if len(strips) < 3:
         return np.empty((0, 3), dtype=np.int64)
     triangles = np.lib.stride_tricks.sliding_window_view(strips, 3).astype(np.int64)
-    places = np.arange(len(strips))
-    starts = np.maximum.accumulate(np.where(strips == -1, places + 1, 0))
-    odd = ((places - starts) % 2 == 1)[:-2]
+    index = np.arange(len(strips))
+    starts = np.maximum.accumulate(np.where(strips == -1, index + 1, 0))
+    odd = ((index - starts) % 2 == 1)[:-2]
     triangles[odd] = triangles[odd][:, [1, 0, 2]]
     a, b, c = triangles.T
     kept = (triangles != -1).all(axis=1) & (a != b) & (b != c) & (c != a)
@@ -133,52 +133,52 @@ def strip_triangles(strips: Int64Array) -> Int64Array:
 
 
 def fan_triangles(fan: Int64Array) -> Int64Array:
-    """Return the (t, 3) triangles of one fan of (n,) vertices around its first."""
+    """Return the (t, 3) triangles of one fan of (n,) vertices around the first of them."""
     return np.column_stack([np.broadcast_to(fan[:1], max(len(fan) - 2, 0)), fan[1:-1], fan[2:]])
 
 
-def _cut_alike(around: Int64Array, points: Points) -> Int64Array:
-    """Cut (m, n) polygons with (m, n, 3) points into (m, n - 2, 3) triangles."""
-    size = around.shape[1]
+def _triangulate(loops: Int64Array, points: Points) -> Int64Array:
+    """Triangulate (m, n) polygons of n corners each, at the (m, n, 3) points, into (m, n - 2, 3) triangles."""
+    size = loops.shape[1]
     fan = fan_triangles(np.arange(size))
-    triangles = np.asarray(around[:, fan])
+    triangles = np.asarray(loops[:, fan])
     if size == 3:
         return triangles
 
-    spokes = points - points[:, :1]
-    normals = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
-    # Where a corner lies on a straight side or a triangle is folded over, another corner's fan may do, else ears do.
-    poor = np.flatnonzero((_least_area(points, fan, normals) <= _FLAT) & normals.any(axis=1))
-    if size > LARGEST_EAR_CUT:
+    edges = points - points[:, :1]
+    normals = np.cross(edges, np.roll(edges, -1, axis=1)).sum(axis=1)
+    # If the fan around the first corner has a degenerate or inverted triangle, try the other corners, then clip ears.
+    unsolved = np.flatnonzero((_min_area_ratio(points, fan, normals) <= _FLAT_RATIO) & normals.any(axis=1))
+    if size > _MAX_EAR_CLIPPING:
         return triangles
-    for turn in range(1, size if len(poor) else 1):
-        turned = (fan + turn) % size
-        fits = _least_area(points[poor], turned, normals[poor]) > _FLAT
-        triangles[poor[fits]] = around[poor[fits]][:, turned]
-        poor = poor[~fits]
-    for polygon in poor if size > 4 else ():
-        triangles[polygon] = around[polygon][_cut_ears(points[polygon], normals[polygon])]
+    for first in range(1, size if len(unsolved) else 1):
+        rotated = (fan + first) % size
+        fits = _min_area_ratio(points[unsolved], rotated, normals[unsolved]) > _FLAT_RATIO
+        triangles[unsolved[fits]] = loops[unsolved[fits]][:, rotated]
+        unsolved = unsolved[~fits]
+    for polygon in unsolved if size > 4 else ():
+        triangles[polygon] = loops[polygon][_clip_ears(points[polygon], normals[polygon])]
     return triangles
 
 
-def _least_area(points: Points, triangles: Int64Array, normals: Points) -> Points:
-    """Return the (m,) least share of their polygon's area that triangles have: negative where one is folded over."""
+def _min_area_ratio(points: Points, triangles: Int64Array, normals: Points) -> Points:
+    """Return the (m,) smallest ratio of a triangle's signed area to its polygon's; negative if one is inverted."""
     a, b, c = (points[:, triangles[:, corner]] for corner in range(3))
     areas = np.einsum("mtk,mk->mt", np.cross(b - a, c - a), normals)
     whole = np.einsum("mk,mk->m", normals, normals)
     return np.asarray(areas.min(axis=1) / np.where(whole > 0, whole, 1))
 
 
-def _cut_ears(points: Points, normal: Points) -> Int64Array:
-    """Cut one polygon of (n, 3) points into (n - 2, 3) triangles, one ear after another; a fan of what has no ear."""
-    keep = np.argsort(np.abs(normal))[:2]  # look along the axis that the polygon faces most
-    flat = points[:, np.sort(keep)]
-    spokes = flat - flat[0]
-    area = _cross(spokes, np.roll(spokes, -1, axis=0)).sum()
+def _clip_ears(points: Points, normal: Points) -> Int64Array:
+    """Triangulate one polygon of (n, 3) points by ear clipping; a fan of what has no ear left."""
+    plane = np.sort(np.argsort(np.abs(normal))[:2])  # project along the largest component of the normal
+    flat = points[:, plane]
+    edges = flat - flat[0]
+    area = _cross(edges, np.roll(edges, -1, axis=0)).sum()
     left = list(range(len(points)))
     ears = []
     while len(left) > 3:
-        ear = next((at for at in range(len(left)) if _is_ear(flat, left, at, area)), None)
+        ear = next((index for index in range(len(left)) if _is_ear(flat, left, index, area)), None)
         if ear is None:
             break
         ears.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
@@ -186,16 +186,19 @@ def _cut_ears(points: Points, normal: Points) -> Int64Array:
     return np.concatenate([np.array(ears, dtype=np.int64).reshape(-1, 3), fan_triangles(np.array(left))])
 
 
-def _is_ear(flat: Points, left: list[int], at: int, area: float) -> bool:
-    """Tell whether the corner `at` sticks out and no other corner lies in its triangle; `area` is the polygon's."""
-    a, b, c = flat[left[at - 1]], flat[left[at]], flat[left[(at + 1) % len(left)]]
-    turn = np.sign(area)
-    if turn * _cross(b - a, c - a) <= _FLAT * abs(area):
+def _is_ear(flat: Points, left: list[int], index: int, area: float) -> bool:
+    """Tell whether the corner left[index] is convex and no other corner lies in its triangle.
+
+    area   signed, of the polygon
+    """
+    a, b, c = flat[left[index - 1]], flat[left[index]], flat[left[(index + 1) % len(left)]]
+    sign = np.sign(area)
+    if sign * _cross(b - a, c - a) <= _FLAT_RATIO * abs(area):
         return False
     others = flat[left]
     inside = np.ones(len(left), dtype=bool)
     for start, end in ((a, b), (b, c), (c, a)):
-        inside &= turn * _cross(end - start, others - start) >= 0
+        inside &= sign * _cross(end - start, others - start) >= 0
     is_corner = (others == a).all(axis=1) | (others == b).all(axis=1) | (others == c).all(axis=1)
     return not np.any(inside & ~is_corner)
 

@@ -1,4 +1,4 @@
-"""Reads STL, binary or ASCII. Its triangles share nothing and its normals are those of the faces: neither is kept."""
+"""STL, binary or ASCII."""
 
 import logging
 import re
@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.builder import Piece, build_scene, damaged
+from aoprecalc.io.formats.base import MeshFormat
+from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.types import Scene
 
-HEADER = 84  # 80 bytes of text and the number of faces
-FACE = 50  # bytes of one face
+_HEADER_BYTES = 84  # 80 bytes of text and the number of faces
+_FACE_BYTES = 50
 
 # trimesh logs the traceback of a normal that is none; logging prints that unless somebody listens.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -23,40 +24,54 @@ _FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
 _VERTEX = re.compile(r"^[ \t]*vertex((?:[ \t]+\S+)*)[ \t]*$", re.MULTILINE | re.IGNORECASE)
 
 
-def read_stl(path: Path, data: bytes) -> Scene:
-    """Read an STL file of the given bytes, each solid of an ASCII file as a piece.
+class StlFormat(MeshFormat):
+    """Stereolithography files: every face has corners of its own, and flat normals, which are not kept."""
 
-    Raises InputError where it is damaged or has no usable faces.
-    """
-    text = "" if b"\0" in data else data.decode("utf-8", "surrogateescape")
-    if _SOLID.match(text):
-        return build_scene(path, "stl", _read_text(path, StringIO(text, newline=None).read()))
-    faces = int.from_bytes(data[HEADER - 4 : HEADER], "little")
-    size = HEADER + faces * FACE
-    if len(data) < max(size, HEADER):
-        raise damaged(path, f"{faces} faces in {size} bytes were expected, but it has {len(data)} bytes")
-    said = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
-    return build_scene(path, "stl", _read_binary(data[:size]), warnings=said)
+    name = "STL"
+    extensions = (".stl",)
+
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether it is ASCII with facets, or binary of the size that its number of faces asks for."""
+        if _SOLID.match(data[:256].decode("latin-1")) and b"facet" in data[:4096].lower():
+            return True
+        return len(data) >= _HEADER_BYTES and len(data) == _binary_size(data)[1]
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Read each solid of an ASCII file as a part, a binary file as one part."""
+        text = "" if b"\0" in data else data.decode("utf-8", "surrogateescape")
+        if _SOLID.match(text):
+            return build_scene(path, "stl", _read_text(path, StringIO(text, newline=None).read()))
+        faces, size = _binary_size(data)
+        if len(data) < max(size, _HEADER_BYTES):
+            raise damaged_file(path, f"{faces} faces in {size} bytes were expected, but it has {len(data)} bytes")
+        warnings = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
+        return build_scene(path, "stl", _read_binary(data[:size]), warnings=warnings)
 
 
-def _read_binary(data: bytes) -> list[Piece]:
+def _binary_size(data: bytes) -> tuple[int, int]:
+    """Return the number of faces that a binary STL announces, and the size in bytes of a file of so many."""
+    faces = int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
+    return faces, _HEADER_BYTES + faces * _FACE_BYTES
+
+
+def _read_binary(data: bytes) -> list[MeshPiece]:
     from trimesh.exchange.stl import load_stl_binary  # takes half a second, which other formats should not pay
 
     loaded = load_stl_binary(BytesIO(data))
     return [_soup("mesh", loaded["vertices"])] if "vertices" in loaded else []
 
 
-def _read_text(path: Path, text: str) -> list[Piece]:
+def _read_text(path: Path, text: str) -> list[MeshPiece]:
     """Return one piece for each solid; raises InputError unless every vertex of the text is in one of them."""
     from trimesh.exchange.stl import load_stl_ascii
 
     vertices = _VERTEX.findall(text)
     wrong = next((words.strip() for words in vertices if len(words.split()) != 3), None)
     if wrong is not None:
-        raise damaged(path, f"a vertex is {wrong[:60]!a}, three numbers were expected")
+        raise damaged_file(path, f"a vertex is {wrong[:60]!a}, three numbers were expected")
     facets = len(_FACET.findall(text))
     if len(vertices) != 3 * facets:
-        raise damaged(path, f"it has {len(vertices)} vertices, three for each of {facets} facets were expected")
+        raise damaged_file(path, f"it has {len(vertices)} vertices, three for each of {facets} facets were expected")
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of words that are no numbers, which are noticed below
@@ -67,9 +82,9 @@ def _read_text(path: Path, text: str) -> list[Piece]:
     # trimesh stops without a word at what is not a number, and leaves out a solid that has no end.
     found = sum(len(piece.positions) for piece in pieces)
     if found != len(vertices):
-        raise damaged(path, f"only {found} of its {len(vertices)} vertices are numbers between solid and endsolid")
+        raise damaged_file(path, f"only {found} of its {len(vertices)} vertices are numbers between solid and endsolid")
     return pieces
 
 
-def _soup(name: str, corners: NDArray[np.floating]) -> Piece:
-    return Piece(name, corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3))
+def _soup(name: str, corners: NDArray[np.floating]) -> MeshPiece:
+    return MeshPiece(name, corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3))

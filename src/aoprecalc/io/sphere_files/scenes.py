@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from aoprecalc.io.formats.gltf.accessors import GltfBuffer
+from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 from aoprecalc.io.formats.gltf.writer import glb
 from aoprecalc.mesh.topology import corners_to_vertices

@@ -1,1 +1,57 @@
-"""glTF and GLB."""
+"""glTF 2.0, as .gltf with its buffer and images beside it or as one .glb."""
+
+from pathlib import Path
+
+from aoprecalc.errors import AoprecalcError
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion
+from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
+from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
+from aoprecalc.io.formats.gltf.reader import read_gltf
+from aoprecalc.io.formats.gltf.writer import write_gltf
+from aoprecalc.io.outputs import Outputs
+from aoprecalc.types import Part, Scene
+
+
+class GltfFormat(MeshFormat):
+    """The triangles of the shown scene; written back with everything else unchanged."""
+
+    name = "glTF"
+    extensions = (".gltf", ".glb")
+    writes = packs_orm = alpha = True
+    one_uv_set = False
+
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether it is a GLB, or JSON with an asset."""
+        return data.startswith(MAGIC) or (data.lstrip()[:1] == b"{" and b'"asset"' in data)
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Read the scene that the file shows, in its rest pose."""
+        return read_gltf(path, data)
+
+    def referenced_files(self, path: Path, data: bytes) -> list[Path]:
+        """Return the files of its buffers and images."""
+        return gltf_files(path, data)
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return the document and the files of its buffers and images."""
+        return [scene.path, *_document(scene).files()]
+
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+        """Write a .gltf or .glb with the texture as occlusion texture; see `write_gltf`."""
+        return write_gltf(outputs, path, mesh)
+
+    def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
+        """Return the occlusionTexture of the part's material."""
+        try:
+            return gltf_occlusion(_document(scene), part)
+        except AoprecalcError:
+            raise
+        except Exception as error:  # whatever a damaged document provokes
+            reason = f"its materials cannot be read ({type(error).__name__}: {error})"
+            raise damaged_file(scene.path, reason) from error
+
+
+def _document(scene: Scene) -> GltfDocument:
+    assert isinstance(scene.document, GltfDocument)  # the reader made it
+    return scene.document

@@ -1,7 +1,7 @@
-"""A glTF 2.0 document as it is in the file: its JSON as plain values, and the bytes of its buffers.
+"""A glTF 2.0 document as it is in the file: its JSON as plain values, the bytes of its buffers, and its accessors.
 
-The JSON is kept as it is, rather than as pygltflib's classes, because those leave out members that they do not know,
-add the defaults of those that are missing and put their own name in place of the document's generator.
+The JSON is kept as plain values rather than as pygltflib's classes, because those drop unknown members, add defaults
+and replace the document's generator.
 """
 
 import base64
@@ -13,8 +13,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
+from numpy.typing import NDArray
+
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.builder import damaged
+from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.types import Float64Array
 
 Json = dict[str, Any]
 
@@ -43,7 +47,7 @@ class GltfDocument:
         """Return entry `index` of the document's array `kind`; raises InputError where there is none."""
         entries = self.json.get(kind, [])
         if not 0 <= index < len(entries):
-            raise damaged(self.path, f"it refers to entry {index} of {kind}, but there are {len(entries)}")
+            raise damaged_file(self.path, f"it refers to entry {index} of {kind}, but there are {len(entries)}")
         entry: Json = entries[index]
         return entry
 
@@ -82,7 +86,7 @@ def _parse_json(path: Path, data: bytes) -> tuple[Json, bytes | None]:
         document: Json = json.loads(text)
         version = str(document["asset"]["version"])
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise damaged(path, f"a JSON document with asset.version was expected ({error})") from error
+        raise damaged_file(path, f"a JSON document with asset.version was expected ({error})") from error
     if not version.startswith("2."):
         raise InputError(f"{path}: is glTF {version[:8]!a}, version 2.0 was expected; convert it")
     return document, binary
@@ -91,22 +95,22 @@ def _parse_json(path: Path, data: bytes) -> tuple[Json, bytes | None]:
 def _split_glb(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON and the binary chunk of a GLB."""
     if len(data) < 20:
-        raise damaged(path, f"it has {len(data)} bytes, a GLB header was expected")
+        raise damaged_file(path, f"it has {len(data)} bytes, a GLB header was expected")
     version, length = struct.unpack_from("<II", data, 4)
     if version != 2:
         raise InputError(f"{path}: is GLB version {version}, version 2 was expected; convert it to glTF 2.0")
     if length > len(data):
-        raise damaged(path, f"{length} bytes were expected, but it has {len(data)}")
+        raise damaged_file(path, f"{length} bytes were expected, but it has {len(data)}")
     chunks: dict[int, bytes] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         if at + 8 + size > length:
-            raise damaged(path, f"a chunk of {size} bytes was expected, but {length - at - 8} are left")
+            raise damaged_file(path, f"a chunk of {size} bytes was expected, but {length - at - 8} are left")
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     if JSON_CHUNK not in chunks:
-        raise damaged(path, "a JSON chunk was expected and is not there")
+        raise damaged_file(path, "a JSON chunk was expected and is not there")
     return chunks[JSON_CHUNK], chunks.get(BIN_CHUNK)
 
 
@@ -132,7 +136,7 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
                 f"{path}: its buffer {uri[:60]!a} cannot be read ({error.strerror}); put the file beside it"
             ) from error
     if len(data) < buffer["byteLength"]:
-        raise damaged(path, f"buffer {index} of {buffer['byteLength']} bytes was expected, but it has {len(data)}")
+        raise damaged_file(path, f"buffer {index} of {buffer['byteLength']} bytes was expected, but it has {len(data)}")
     return data[: buffer["byteLength"]]
 
 
@@ -142,4 +146,97 @@ def data_uri(path: Path, uri: str) -> bytes:
     try:
         return base64.b64decode(unquote(body), validate=True) if head.endswith(";base64") else unquote(body).encode()
     except binascii.Error as error:
-        raise damaged(path, f"a data URI is not base64 ({error})") from error
+        raise damaged_file(path, f"a data URI is not base64 ({error})") from error
+
+
+# The numbers that accessors describe.
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+# Matrices whose columns are padded to 4 bytes: the bytes of one.
+_PADDED = {("MAT2", 1): 8, ("MAT3", 1): 12, ("MAT3", 2): 24}
+
+
+def raw_rows(document: GltfDocument, index: int) -> NDArray[np.uint8]:
+    """Return the (count, bytes) elements of an accessor as they are in the file, sparse ones put in their places.
+
+    Raises InputError where it reaches beyond its buffer view, or the view beyond its buffer.
+    """
+    accessor = document.entry("accessors", index)
+    count, size = accessor["count"], element_size(accessor)
+    sparse = accessor.get("sparse")
+    if "bufferView" in accessor:
+        rows = _view_rows(document, accessor["bufferView"], accessor.get("byteOffset", 0), count, size, strided=True)
+    elif count > sum(len(buffer) for buffer in document.buffers):
+        raise damaged_file(document.path, f"accessor {index} promises {count} elements, more than its buffers can hold")
+    else:
+        rows = np.zeros((count, size), dtype=np.uint8)
+    if sparse is None:
+        return rows
+
+    places, values = sparse["indices"], sparse["values"]
+    kind = np.dtype(COMPONENTS[places["componentType"]])
+    at = _view_rows(document, places["bufferView"], places.get("byteOffset", 0), sparse["count"], kind.itemsize)
+    where = at.view(kind)[:, 0]
+    if where.size and where.max() >= count:
+        raise damaged_file(document.path, f"accessor {index} changes element {where.max()}, but has {count}")
+    rows[where] = _view_rows(document, values["bufferView"], values.get("byteOffset", 0), sparse["count"], size)
+    return rows
+
+
+def numbers(document: GltfDocument, index: int) -> NDArray[Any]:
+    """Return the (count, width) elements of an accessor in their own type."""
+    accessor = document.entry("accessors", index)
+    rows = raw_rows(document, index)
+    kind = np.dtype(COMPONENTS[accessor["componentType"]])
+    if rows.shape[1] != kind.itemsize * WIDTHS[accessor["type"]]:
+        raise damaged_file(document.path, f"accessor {index} holds small matrices, which were not expected")
+    return rows.view(kind)
+
+
+def doubles(document: GltfDocument, index: int) -> Float64Array:
+    """Return the (count, width) elements of an accessor as float64, normalized integers as fractions."""
+    values = numbers(document, index)
+    if not document.entry("accessors", index).get("normalized") or values.dtype.kind == "f":
+        return values.astype(np.float64)
+    return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1.0)
+
+
+def bounds(values: NDArray[Any]) -> Json:
+    """Return `min` and `max` of (count, width) elements; nothing where there are none or JSON cannot hold them."""
+    if not values.size or not np.isfinite(values).all():
+        return {}
+    return {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+
+
+def element_size(accessor: Json) -> int:
+    """Return the bytes of one element."""
+    size = np.dtype(COMPONENTS[accessor["componentType"]]).itemsize
+    return _PADDED.get((accessor["type"], size), size * WIDTHS[accessor["type"]])
+
+
+def view_bytes(document: GltfDocument, index: int) -> bytes:
+    """Return the bytes of a buffer view; raises InputError where it reaches beyond its buffer."""
+    view = document.entry("bufferViews", index)
+    start, length = view.get("byteOffset", 0), view["byteLength"]
+    document.entry("buffers", view["buffer"])
+    buffer = document.buffers[view["buffer"]]
+    if start < 0 or length < 0 or start + length > len(buffer):
+        raise damaged_file(
+            document.path, f"buffer view {index} ends at byte {start + length}, its buffer at {len(buffer)}"
+        )
+    return buffer[start : start + length]
+
+
+def _view_rows(
+    document: GltfDocument, index: int, offset: int, count: int, size: int, strided: bool = False
+) -> NDArray[np.uint8]:
+    """Return `count` rows of `size` bytes that begin at an offset of a buffer view."""
+    data = view_bytes(document, index)
+    stride = document.entry("bufferViews", index).get("byteStride", size) if strided else size
+    end = offset + stride * (count - 1) + size if count else offset
+    if count < 0 or offset < 0 or stride < size or end > len(data):
+        found = f"{count} elements up to byte {end} were expected, but buffer view {index} has {len(data)} bytes"
+        raise damaged_file(document.path, found)
+    return np.ndarray((count, size), np.uint8, data, offset, (stride, 1)).copy()

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.io.formats.builder import check_indices
-from aoprecalc.io.formats.gltf.accessors import GltfBuffer, doubles, raw_rows, view_bytes
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json
+from aoprecalc.io.formats.gltf.buffers import GltfBuffer
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles, raw_rows, view_bytes
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, Place
-from aoprecalc.io.formats.gltf.reader import INSTANCING, GltfSource
+from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
@@ -145,7 +145,7 @@ def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Float32A
     return not (np.isfinite(values).all(axis=1) & values.any(axis=1)).all()
 
 
-def _local_normals(source: GltfSource, part: Part, normals: Float32Array) -> Float32Array:
+def _local_normals(source: PrimitiveSource, part: Part, normals: Float32Array) -> Float32Array:
     """Return world normals as the primitive's own: the transpose undoes what its cofactors did, up to length."""
     linear = source.linear[part.vertices] if source.linear.ndim == 3 else source.linear
     local = np.einsum("...ij,...i->...j", linear, normals.astype(np.float64))
@@ -243,8 +243,8 @@ def _primitive_accessors(primitive: Json) -> Iterator[int]:
         yield primitive["indices"]
 
 
-def _source(part: Part) -> GltfSource:
-    assert isinstance(part.source, GltfSource)  # the reader made it
+def _source(part: Part) -> PrimitiveSource:
+    assert isinstance(part.source, PrimitiveSource)  # the reader made it
     return part.source
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.gltf.accessors import GltfBuffer
+from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json, data_uri, local_file
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmPicture
 from aoprecalc.io.formats.gltf.references import place

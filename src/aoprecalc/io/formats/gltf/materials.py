@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import Picture
-from aoprecalc.io.formats.builder import check_indices, damaged
-from aoprecalc.io.formats.gltf.accessors import doubles, view_bytes
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, local_file
+from aoprecalc.io.formats.base import ImageSource
+from aoprecalc.io.formats.builder import check_indices, damaged_file
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, doubles, local_file, view_bytes
 from aoprecalc.types import REVERSED_WINDING, AlphaMask, Float32Array, Float64Array, Material, Wrap
 
 TRANSFORM = "KHR_texture_transform"
@@ -55,22 +54,22 @@ class TextureUse:
         return moved * (1, -1) + (0, 1)
 
 
-def texture_picture(document: GltfDocument, index: int) -> Picture:
+def texture_picture(document: GltfDocument, index: int) -> ImageSource:
     """Return the picture of texture `index`; raises InputError where there is none, KeyError in a damaged document."""
     texture = document.entry("textures", index)
     # Formats that glTF itself does not know have their image in an extension.
     others = [entry["source"] for entry in texture.get("extensions", {}).values() if "source" in entry]
     if "source" not in texture and not others:
-        raise damaged(document.path, f"texture {index} has no picture (no source), one was expected")
+        raise damaged_file(document.path, f"texture {index} has no picture (no source), one was expected")
     number = texture["source"] if "source" in texture else others[0]
     image = document.entry("images", number)
     name = f"image {number} of {document.path}"
     if "bufferView" in image:
-        return Picture(name, data=view_bytes(document, image["bufferView"]))
+        return ImageSource(name, data=view_bytes(document, image["bufferView"]))
     if image["uri"].startswith("data:"):
-        return Picture(name, data=data_uri(document.path, image["uri"]))
+        return ImageSource(name, data=data_uri(document.path, image["uri"]))
     file = local_file(document.path, image["uri"])
-    return Picture(name) if file is None else Picture(str(file), file)
+    return ImageSource(name) if file is None else ImageSource(str(file), file)
 
 
 def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
@@ -96,7 +95,7 @@ class MaterialReader:
     def __init__(self, document: GltfDocument) -> None:
         """Read nothing yet."""
         self._document = document
-        self._alphas: dict[Picture, Float32Array] = {}
+        self._alphas: dict[ImageSource, Float32Array] = {}
         self.warnings: list[str] = []
 
     def name(self, primitive: Json) -> str | None:

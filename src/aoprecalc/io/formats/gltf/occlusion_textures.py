@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import Pictured
+from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
-from aoprecalc.io.formats.gltf.accessors import doubles
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles
 from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_picture, texture_wraps
-from aoprecalc.io.formats.gltf.reader import GltfSource
+from aoprecalc.io.formats.gltf.reader import PrimitiveSource
 from aoprecalc.io.images import png_bytes
 from aoprecalc.texture_lookup import wrapped
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
@@ -204,20 +203,20 @@ def _enlarged(values: Float32Array, height: int, width: int, wraps: tuple[Wrap, 
 # The occlusion textures of a glTF document that was read.
 
 
-def gltf_occlusion(document: GltfDocument, part: Part) -> Pictured:
+def gltf_occlusion(document: GltfDocument, part: Part) -> PartOcclusion:
     """Return the occlusion texture of a part's material, with the TEXCOORD_n it is for, its transform applied.
 
     Raises InputError, or what a dictionary or list does, where the document is damaged.
     """
-    assert isinstance(part.source, GltfSource)  # the reader made it
+    assert isinstance(part.source, PrimitiveSource)  # the reader made it
     primitive = document.entry("meshes", part.source.mesh)["primitives"][part.source.primitive]
     material = document.entry("materials", primitive["material"]) if "material" in primitive else {}
     info: Json | None = material.get("occlusionTexture")
     if info is None:
-        return Pictured(None, _uvs(document, part, primitive, TextureUse(0, 0)))
+        return PartOcclusion(None, _uvs(document, part, primitive, TextureUse(0, 0)))
     use, strength = TextureUse.of(info), info.get("strength", 1.0)
     note = f"the occlusion texture has a strength of {strength:g}, which is not applied" if strength != 1 else ""
-    return Pictured(texture_picture(document, use.index), _uvs(document, part, primitive, use), note)
+    return PartOcclusion(texture_picture(document, use.index), _uvs(document, part, primitive, use), note)
 
 
 def _uvs(document: GltfDocument, part: Part, primitive: Json, use: TextureUse) -> Float64Array | None:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.builder import Piece, build_scene, check_indices, damaged
-from aoprecalc.io.formats.gltf.accessors import doubles, numbers
+from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.gltf.compression import decompressed
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, parse_gltf
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles, numbers, parse_gltf
 from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
@@ -45,7 +44,7 @@ def placed_nodes(document: GltfDocument) -> dict[int, PlacedNode]:
     while waiting:
         index, parent = waiting.pop()
         if index in placed:
-            raise damaged(document.path, f"node {index} is reached twice, a tree of nodes was expected")
+            raise damaged_file(document.path, f"node {index} is reached twice, a tree of nodes was expected")
         node = document.entry("nodes", index)
         names = parent.names | ({node["name"]} if node.get("name") else set())
         placed[index] = PlacedNode(parent.matrix @ _local_matrix(node), names)
@@ -64,7 +63,7 @@ def instance_matrices(document: GltfDocument, node: Json) -> Float64Array | None
         return None
     counts = {name: len(rows) for name, rows in given.items()}
     if len(set(counts.values())) > 1:
-        raise damaged(document.path, f"{INSTANCING} has rows of different numbers: {counts}")
+        raise damaged_file(document.path, f"{INSTANCING} has rows of different numbers: {counts}")
     rows = zip(*given.values(), strict=True)
     return np.array([_local_matrix(dict(zip((_PLACES[name] for name in given), row, strict=True))) for row in rows])
 
@@ -104,7 +103,7 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 
 
 @dataclass(frozen=True, eq=False)
-class GltfSource:
+class PrimitiveSource:
     """Where a part came from and how it was placed.
 
     node, mesh, primitive   numbers in the document
@@ -133,7 +132,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     check_references(path, document.json)
     nodes = placed_nodes(document)
     materials = MaterialReader(document)
-    pieces: list[Piece] = []
+    pieces: list[MeshPiece] = []
     others = 0
     for number, placed in nodes.items():
         node = document.entry("nodes", number)
@@ -150,7 +149,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
                 names = {own_name, mesh.get("name"), materials.name(primitive), *placed.names}
                 material = materials.material(primitive, shape.vertices)
                 for placement in _placements(document, node, primitive, nodes, number):
-                    source = GltfSource(number, node["mesh"], index, placement[..., :3, :3])
+                    source = PrimitiveSource(number, node["mesh"], index, placement[..., :3, :3])
                     pieces.append(_piece(document, own_name, names, shape, placement, source, material))
     warnings = [f"{others} primitives of points or lines are left as they are"] if others else []
     warnings += [*materials.warnings, *_warnings(document.json)]
@@ -174,7 +173,7 @@ def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
     result = []
     for number, part in enumerate(parts):
         source = part.source
-        assert isinstance(source, GltfSource)
+        assert isinstance(source, PrimitiveSource)
         anywhere = first.setdefault((source.mesh, source.primitive), number)
         here = first.setdefault((source.mesh, source.primitive, source.node), number)
         earlier = [None if other == number else other for other in (anywhere, here)]
@@ -214,7 +213,7 @@ def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[f
         if weight and name in target:
             difference = doubles(document, target[name])
             if len(difference) != len(values):
-                raise damaged(
+                raise damaged_file(
                     document.path, f"a morph target has {len(difference)} vertices, {len(values)} were expected"
                 )
             values = values + weight * difference
@@ -227,9 +226,9 @@ def _piece(
     names: set[str | None],
     shape: _Shape,
     placement: Float64Array,
-    source: GltfSource,
+    source: PrimitiveSource,
     material: Material,
-) -> Piece:
+) -> MeshPiece:
     """Return a primitive placed by a (4, 4) or (n, 4, 4) matrix."""
     linear, vertices = source.linear, shape.vertices
     positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
@@ -238,10 +237,10 @@ def _piece(
     if shape.normals is None:  # then they are those of the faces, says the specification
         normals = np.repeat(face_normals(positions[vertices])[0][:, None], 3, axis=1)
     else:
-        turned = np.einsum("...ij,...j->...i", _cofactors(linear), shape.normals)
+        turned = np.einsum("...ij,...j->...i", cofactors(linear), shape.normals)
         normals = (-turned if source.mirrored else turned)[vertices]
     uv_sets = tuple(values[vertices] for values in shape.uv_sets)
-    return Piece(name, positions, vertices, normals, uv_sets, source, names, material)
+    return MeshPiece(name, positions, vertices, normals, uv_sets, source, names, material)
 
 
 def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[np.int64]:
@@ -275,7 +274,7 @@ def _skinned(
     """Return the (n, 4, 4) matrices by which a skin places the vertices of a primitive."""
     skin = document.entry("skins", node["skin"])
     if any(joint not in nodes for joint in skin["joints"]):
-        raise damaged(document.path, f"skin {node['skin']} has joints outside the scene")
+        raise damaged_file(document.path, f"skin {node['skin']} has joints outside the scene")
     joints = np.stack([nodes[joint].matrix for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         inverse = doubles(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
@@ -285,13 +284,7 @@ def _skinned(
     chosen = np.hstack([numbers(document, attributes[f"JOINTS_{number}"]) for number in sets]).astype(np.int64)
     weights = np.hstack([doubles(document, attributes[f"WEIGHTS_{number}"]) for number in sets])
     if chosen.size and chosen.max() >= len(joints):
-        raise damaged(document.path, f"a vertex refers to joint {chosen.max()}, but there are {len(joints)}")
+        raise damaged_file(document.path, f"a vertex refers to joint {chosen.max()}, but there are {len(joints)}")
     total = weights.sum(axis=1, keepdims=True)
     blended = np.einsum("nj,njab->nab", weights / np.where(total > 0, total, 1), joints[chosen])
     return np.where(total[:, :, None] > 0, blended, matrix)
-
-
-def _cofactors(linear: Float64Array) -> Float64Array:
-    """Return the (..., 3, 3) matrices that carry normals along, up to length; they exist for flat placements too."""
-    a, b, c = linear[..., 0, :], linear[..., 1, :], linear[..., 2, :]
-    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from aoprecalc.io.formats.builder import damaged
-from aoprecalc.io.formats.gltf.accessors import GltfBuffer
+from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 
 # None refers to one of a kind before its own.
@@ -85,7 +85,7 @@ def check_references(path: Path, document: Json) -> None:
         count = len(document.get(kind, []))
         for holder, key in found:
             if not 0 <= holder[key] < count:
-                raise damaged(path, f"it refers to entry {holder[key]} of {kind}, but there are {count}")
+                raise damaged_file(path, f"it refers to entry {holder[key]} of {kind}, but there are {count}")
 
 
 def unknown_extensions(names: Iterable[str]) -> list[str]:

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.io.formats.gltf.accessors import GltfBuffer
+from aoprecalc.io.formats.base import (
+    MaterialUse,
+    MeshWithAo,
+    SourceMaterial,
+    material_names,
+    material_use,
+    source_materials,
+)
+from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document
 from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, carry_images
@@ -20,17 +28,13 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     texture_reference,
 )
 from aoprecalc.io.formats.gltf.references import close_gaps, release
-from aoprecalc.io.formats.obj.materials import MtlMaterial
-from aoprecalc.io.formats.obj.reader import ObjDocument
-from aoprecalc.io.formats.obj.writer import Use, material_names, material_use
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.mesh.topology import corners_to_vertices
-from aoprecalc.options import Pack
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
 
-def fresh_document(
+def new_document(
     scene: Scene, atlas: Atlas, normals: Float32Array
 ) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
     """Return (json, buffer, sets) for a scene: a node and a mesh for each name and material among its parts.
@@ -43,21 +47,21 @@ def fresh_document(
     json: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0, "scenes": [{"nodes": []}]}
     json |= {"nodes": [], "meshes": [], "materials": []}
     buffer = GltfBuffer(json)
-    known = scene.document.materials if isinstance(scene.document, ObjDocument) else {}
+    known = source_materials(scene)
     names = material_names(scene.parts, known)
-    materials: dict[Use, int] = {}
+    materials: dict[MaterialUse, int] = {}
     sets = {}
     for (name, use), parts in _groups(scene).items():
-        material = known.get(use[0] or "", MtlMaterial(""))
+        material = known.get(use[0] or "", SourceMaterial(""))
         if use not in materials:
             materials[use] = len(json["materials"])
             json["materials"].append(_material(json, names[use], material, scene))
 
         own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set is None else []
-        uv_sets = [*own, *new] if material.picture else [*new, *own]
+        uv_sets = [*own, *new] if material.texture else [*new, *own]
         primitive = _primitive(buffer, scene, parts, normals if use[1] else scene.normals, uv_sets)
         if use[1]:
-            sets[len(json["meshes"]), 0] = len(own) if new and material.picture else 0
+            sets[len(json["meshes"]), 0] = len(own) if new and material.texture else 0
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
         json["nodes"].append({"name": _clean(name), "mesh": len(json["meshes"])})
         json["meshes"].append({"name": _clean(name), "primitives": [primitive | {"material": materials[use]}]})
@@ -71,8 +75,8 @@ def show_texture(json: Json, sets: dict[tuple[int, int], int], texture: int) -> 
         material["pbrMetallicRoughness"].setdefault("baseColorTexture", texture_reference(texture, number))
 
 
-def _groups(scene: Scene) -> dict[tuple[str, Use], list[Part]]:
-    groups: dict[tuple[str, Use], list[Part]] = {}
+def _groups(scene: Scene) -> dict[tuple[str, MaterialUse], list[Part]]:
+    groups: dict[tuple[str, MaterialUse], list[Part]] = {}
     for part in scene.parts:
         groups.setdefault((part.name, material_use(part)), []).append(part)
     return groups
@@ -97,11 +101,11 @@ def _primitive(
     return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
 
 
-def _material(json: Json, name: str, material: MtlMaterial, scene: Scene) -> Json:
+def _material(json: Json, name: str, material: SourceMaterial, scene: Scene) -> Json:
     color: Json = {"baseColorFactor": [*material.color, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
-    if material.picture is not None and scene.uvs is not None:
+    if material.texture is not None and scene.uvs is not None:
         images, textures = json.setdefault("images", []), json.setdefault("textures", [])
-        images.append({"uri": relative_uri(material.picture, scene.path)})
+        images.append({"uri": relative_uri(material.texture, scene.path)})
         textures.append({"source": len(images) - 1})
         color["baseColorTexture"] = {"index": len(textures) - 1}
     return {"name": _clean(name), "pbrMetallicRoughness": color}
@@ -119,40 +123,41 @@ def _clean(name: str) -> str:
 # Writes glTF 2.0, as .gltf with its buffer beside it or as one .glb.
 
 
-def write_gltf(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Float32Array, texture: Path, pack: Pack = "none"
-) -> tuple[str, ...]:
-    """Write a .gltf or .glb with the texture as occlusion texture; return what the user should know.
+def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+    """Write a .gltf or .glb with the texture as occlusion texture; return warnings.
 
-    The document of a glTF source is kept but for that. Any other source gets a fresh one, in which the texture is
-    the base colour too where a material has no picture of its own.
+    The document of a glTF source is otherwise kept. A scene from another format gets a new document, in which the
+    texture is also the base colour of materials that have no texture of their own.
     """
-    is_fresh = not isinstance(scene.document, GltfDocument)
-    said: tuple[str, ...] = ()
+    scene, atlas, texture = mesh.scene, mesh.atlas, mesh.texture
+    is_new = not isinstance(scene.document, GltfDocument)
+    warnings = list[str]()
     if isinstance(scene.document, GltfDocument):
-        document, buffer, sets, said = edit_document(scene.document, scene, atlas, normals)
+        document, buffer, sets, notes = edit_document(scene.document, scene, atlas, mesh.normals)
+        warnings += notes
     else:
-        document, buffer, sets = fresh_document(scene, atlas, normals)
-    materials, about_materials = own_materials(document, sets)
+        document, buffer, sets = new_document(scene, atlas, mesh.normals)
+    materials, notes = own_materials(document, sets)
+    warnings += notes
     packed: dict[int, OrmPicture] = {}
-    about_packing: tuple[str, ...] = ()
-    if pack == "orm":
+    if mesh.pack == "orm":
         so_far = GltfDocument(scene.path, document, (buffer.data,))
-        packed, about_packing = orm_pictures(so_far, materials, atlas, read_image(outputs.written(texture)))
+        packed, notes = orm_pictures(so_far, materials, atlas, read_image(outputs.written(texture)))
+        warnings += notes
 
     release(document, buffer, replaced_references(document, materials, packed))
-    about_images = carry_images(outputs, path, document, buffer, scene.path)
+    warnings += carry_images(outputs, path, document, buffer, scene.path)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
-    about_texture: tuple[str, ...] = ()
     if len(textures) < len(materials):
-        number, about_texture = add_texture(outputs, path, document, buffer, texture, atlas.repeats)
+        number, notes = add_texture(outputs, path, document, buffer, texture, atlas.repeats)
+        warnings += notes
         textures = dict.fromkeys(materials, number) | textures
-        if is_fresh:
+        if is_new:
             show_texture(document, sets, number)
     occlude(document, materials, textures, packed)
     close_gaps(document)
     _write(outputs, path, document, buffer.data)
-    return (*said, *about_materials, *about_packing, *about_images, *about_texture)
+    return tuple(warnings)
 
 
 def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:

@@ -1,1 +1,75 @@
-"""Wavefront OBJ and its materials."""
+"""Wavefront OBJ with its material library (MTL)."""
+
+import re
+from pathlib import Path
+
+from aoprecalc.io.formats.base import (
+    ImageSource,
+    MeshFormat,
+    MeshWithAo,
+    PartOcclusion,
+    first_uvs,
+    material_use,
+    source_materials,
+)
+from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files
+from aoprecalc.io.formats.obj.reader import ObjDocument, obj_files, read_obj
+from aoprecalc.io.formats.obj.writer import write_obj
+from aoprecalc.io.outputs import Outputs
+from aoprecalc.types import Atlas, Part, Scene
+
+_VERTEX = re.compile(rb"^[ \t]*v[ \t]+-?[\d.]", re.MULTILINE)
+_FACE = re.compile(rb"^[ \t]*f[ \t]+-?\d", re.MULTILINE)
+
+
+class ObjFormat(MeshFormat):
+    """Every group and material, polygons, UVs and normals; written with an MTL that shows the texture."""
+
+    name = "OBJ"
+    extensions = (".obj",)
+    writes = True
+
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether there are lines of vertices and of faces."""
+        return b"\0" not in data and bool(_VERTEX.search(data) and _FACE.search(data))
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Read the file, and the MTL files it names where they lie beside it."""
+        return read_obj(path, data)
+
+    def referenced_files(self, path: Path, data: bytes) -> list[Path]:
+        """Return the MTL files and the textures that these name."""
+        return obj_files(path, data)
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return the OBJ, its MTL files and their textures."""
+        document = _document(scene)
+        return [scene.path, *document.libraries, *material_files(document.materials.values())]
+
+    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+        """Return .obj, unless new UVs would take the place of those that the textures of baked parts need."""
+        if atlas is not None and atlas.uv_set is not None:
+            return ".obj", ""
+        materials = source_materials(scene)
+        used = dict.fromkeys(name for name, receives in map(material_use, scene.parts) if receives and name)
+        textured = [name for name in used if name in materials and materials[name].texture is not None]
+        if not textured:
+            return ".obj", ""
+        names = ", ".join(textured[:3]) + (", ..." if len(textured) > 3 else "")
+        found = f"OBJ holds one set of UVs, which the textures of its materials ({names}) need"
+        return ".glb", f"{found}, so the mesh becomes a GLB with both"
+
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+        """Write an OBJ and its MTL; see `write_obj`."""
+        return write_obj(outputs, path, mesh) or self.losses(path, mesh)
+
+    def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
+        """Return map_Ka of the part's material, else its map_Kd."""
+        material: MtlMaterial | None = _document(scene).materials.get(material_use(part)[0] or "")
+        path = None if material is None else material.ambient or material.texture
+        return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
+
+
+def _document(scene: Scene) -> ObjDocument:
+    assert isinstance(scene.document, ObjDocument)  # the reader made it
+    return scene.document

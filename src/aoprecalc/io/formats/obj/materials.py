@@ -1,4 +1,4 @@
-"""The material libraries of OBJ files."""
+"""MTL files, the material libraries of OBJ: read, and written again."""
 
 import os
 import re
@@ -6,32 +6,27 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from aoprecalc.io.formats.base import SourceMaterial
 from aoprecalc.io.outputs import relative_path
 
-# Statements that name a picture.
+# Statements that name a texture file.
 _MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class MtlMaterial:
-    """What an MTL says about one material, as far as it is passed on.
+class MtlMaterial(SourceMaterial):
+    """A material of an MTL: Kd is its colour and map_Kd its texture.
 
-    name     as in the file
-    lines    its lines, without `newmtl`
-    color    diffuse colour (Kd), 0 to 1
-    picture  the file of its diffuse texture (map_Kd), where it has one
-    ambient  the file of its ambient texture (map_Ka), where it has one
+    lines    all its lines, without `newmtl`
+    ambient  the file of its ambient texture (map_Ka)
     """
 
-    name: str
     lines: tuple[str, ...] = ()
-    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    picture: Path | None = None
     ambient: Path | None = None
 
 
 def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, MtlMaterial]:
-    """Read the materials of MTL files in a folder; a file that is missing or makes no sense gives none."""
+    """Read the materials of the MTL files in a folder; a file that is missing or unreadable gives none."""
     materials: dict[str, MtlMaterial] = {}
     for library in libraries:
         try:
@@ -53,18 +48,18 @@ def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, MtlMater
 
 
 def material_files(materials: Iterable[MtlMaterial]) -> list[Path]:
-    """Return the pictures of materials that are read or passed on."""
-    return [picture for material in materials for picture in (material.picture, material.ambient) if picture]
+    """Return the files of the diffuse and ambient textures of materials."""
+    return [texture for material in materials for texture in (material.texture, material.ambient) if texture]
 
 
-def names_picture(line: str) -> bool:
-    """Tell whether a line of an MTL names a picture."""
+def names_texture(line: str) -> bool:
+    """Tell whether a line of an MTL names a texture file."""
     return _MAP.match(line) is not None
 
 
-def moved(line: str, source: Path, target: Path) -> str:
-    """Return a line of an MTL in the folder of `source` as it reads beside `target`."""
-    name = _file_name(_statement(line)[1]) if names_picture(line) else ""
+def relocate_line(line: str, source: Path, target: Path) -> str:
+    """Rewrite a line of an MTL beside `source` so that the file it names is found from beside `target`."""
+    name = _file_name(_statement(line)[1]) if names_texture(line) else ""
     file = source.parent / name.replace("\\", "/")
     if not name or source.parent.resolve() == target.parent.resolve() or not os.path.isfile(file):
         return line
@@ -72,14 +67,14 @@ def moved(line: str, source: Path, target: Path) -> str:
 
 
 def _material(folder: Path, name: str, lines: Sequence[str]) -> MtlMaterial:
-    color, pictures = (1.0, 1.0, 1.0), dict[str, Path]()
+    color, textures = (1.0, 1.0, 1.0), dict[str, Path]()
     for line in lines:
         keyword, rest = _statement(line)
         if keyword == "Kd":
             color = _color(rest.split()) or color
         elif keyword.lower() in ("map_kd", "map_ka") and rest:
-            pictures[keyword.lower()] = folder / _file_name(rest).replace("\\", "/")
-    return MtlMaterial(name, tuple(lines), color, pictures.get("map_kd"), pictures.get("map_ka"))
+            textures[keyword.lower()] = folder / _file_name(rest).replace("\\", "/")
+    return MtlMaterial(name, color, textures.get("map_kd"), tuple(lines), textures.get("map_ka"))
 
 
 def _statement(line: str) -> tuple[str, str]:

@@ -1,18 +1,19 @@
-"""Reads Wavefront OBJ: every group and material, polygons, UVs and normals on the corners, as they are in the file.
+"""Read Wavefront OBJ: every group and material, polygons, UVs and normals on the corners, as they are in the file.
 
 trimesh's reader is not used for this format: it regroups the faces by material, counts relative indices from the
 end of the file, takes index 0 for the first vertex, and drops all UVs where one face has none.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.builder import Piece, build_scene, damaged
+from aoprecalc.io.formats.base import PartSource, SourceDocument
+from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files, read_materials
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles
 from aoprecalc.types import Float64Array, Int32Array, Scene
@@ -21,36 +22,32 @@ _LIBRARY = re.compile(rb"(?:^|[\r\n])[ \t]*mtllib[ \t]+([^\r\n]+)")
 
 
 @dataclass(frozen=True)
-class Section:
-    """What an OBJ says about the faces that follow: `o`, `g` and `usemtl`, None where it said nothing."""
+class Section(PartSource):
+    """The `o`, `g` and `usemtl` that hold for a run of faces; None where none was given."""
 
     object: str | None = None
     group: str | None = None
-    material: str | None = None
 
     @property
     def name(self) -> str:
-        """The most telling of the three names."""
+        """The name of the part: its group, else its object, else its material."""
         return self.group or self.object or self.material or "mesh"
 
 
 @dataclass(frozen=True, eq=False)
-class ObjDocument:
-    """An OBJ as its writer needs it again.
+class ObjDocument(SourceDocument):
+    """An OBJ file, for writing it back; `polygons` has one polygon for each `f` line.
 
-    text           all its lines, continued ones joined
-    corners        (c, 3) int32: which v, vt and vn each corner of each `f` line has, counted from 0, -1 for none
-    polygons       one for each `f` line; its corners are those
-    whole_normals  every corner has a normal of some length
-    materials      by name
-    libraries      the MTL files that they were looked for in
+    text               all its lines, continued ones joined
+    corners            (c, 3) int32: the v, vt and vn of each corner of each `f` line, from 0; -1 for none
+    normals_complete   every corner has a normal that is not zero
+    libraries          the MTL files it names
     """
 
+    materials: Mapping[str, MtlMaterial]
     text: str
     corners: Int32Array
-    polygons: Polygons
-    whole_normals: bool
-    materials: dict[str, MtlMaterial]
+    normals_complete: bool
     libraries: tuple[Path, ...] = ()
 
 
@@ -95,18 +92,20 @@ def read_obj(path: Path, data: bytes) -> Scene:
         at_corners = _look_up(uvs, uv)
         uv_sets = () if at_corners is None else (at_corners,)
         names = (section.object, section.group, section.material)
-        pieces.append(Piece(section.name, positions, position, _look_up(normals, normal), uv_sets, section, names))
+        pieces.append(MeshPiece(section.name, positions, position, _look_up(normals, normal), uv_sets, section, names))
     if not pieces:
-        pieces = [Piece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
+        pieces = [MeshPiece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
     libraries = tuple(path.parent / library for library in lines.libraries)
     materials = read_materials(path.parent, lines.libraries)
-    whole_normals = bool((corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all())
-    document = ObjDocument(text, corners.astype(np.int32), polygons, whole_normals, materials, libraries)
+    normals_complete = bool(
+        (corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all()
+    )
+    document = ObjDocument(polygons, materials, text, corners.astype(np.int32), normals_complete, libraries)
     return build_scene(path, "obj", pieces, document, warnings)
 
 
 def obj_files(path: Path, data: bytes) -> list[Path]:
-    """Return the MTL files that an OBJ file of the given bytes names, and the pictures that these are for."""
+    """Return the MTL files that an OBJ file of the given bytes names, and the textures that these name."""
     names = [name.decode("utf-8", "surrogateescape").strip() for name in _LIBRARY.findall(data)]
     materials = read_materials(path.parent, names).values()
     return [*(path.parent / name for name in names), *material_files(materials)]
@@ -161,7 +160,9 @@ def _numbers(path: Path, what: str, rows: list[str], least: int, width: int) -> 
         number, row_text = next(
             (number, row) for number, row in enumerate(rows, 1) if not _are_numbers(row.split()[:width], least)
         )
-        raise damaged(path, f"{what} number {number} is {row_text[:60]!a}, {least} numbers were expected") from None
+        raise damaged_file(
+            path, f"{what} number {number} is {row_text[:60]!a}, {least} numbers were expected"
+        ) from None
     return table
 
 
@@ -182,7 +183,7 @@ def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[ND
     except (ValueError, OverflowError):
         wrong = next(face for face in split if not all(_is_corner(word) for word in face))
         found = f"a face is {' '.join(wrong)[:60]!a}, corners such as 1, 1/2 or 1/2/3 were expected"
-        raise damaged(path, found) from None
+        raise damaged_file(path, found) from None
     above = np.repeat(np.array(lines.above, dtype=np.int64).reshape(-1, 3), counts, axis=0)
     corners = np.where(given < 0, above + given, given - 1)
     for column, what in enumerate(("v", "vt", "vn")):
@@ -190,7 +191,7 @@ def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[ND
         wrong_corner = ~absent & ((corners[:, column] < 0) | (corners[:, column] >= sizes[column]))
         if wrong_corner.any():
             index = given[wrong_corner, column][0]
-            raise damaged(path, f"a face refers to {what} {index}, but there are {sizes[column]} (counted from 1)")
+            raise damaged_file(path, f"a face refers to {what} {index}, but there are {sizes[column]} (counted from 1)")
     return counts, corners
 
 

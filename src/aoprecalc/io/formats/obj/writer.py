@@ -1,56 +1,34 @@
-"""The material library of an OBJ that is being written."""
+"""Write Wavefront OBJ with an MTL that shows the ambient occlusion as the diffuse texture, or beside it."""
 
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.base import placed_uvs, what_is_lost
-from aoprecalc.io.formats.obj.materials import MtlMaterial, moved, names_picture
-from aoprecalc.io.formats.obj.reader import ObjDocument, Section, statement
-from aoprecalc.io.formats.ply import PlyDocument
-from aoprecalc.io.formats.polygons import Faces, Polygons
+from aoprecalc.io.formats.base import (
+    MaterialUse,
+    MeshWithAo,
+    material_names,
+    material_use,
+    output_uvs,
+    source_polygons,
+)
+from aoprecalc.io.formats.obj.materials import MtlMaterial, names_texture, relocate_line
+from aoprecalc.io.formats.obj.reader import ObjDocument, statement
+from aoprecalc.io.formats.polygons import OutputFaces
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
-from aoprecalc.options import Pack
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
 
 _WHITE = "Kd 1 1 1"
 
-Use = tuple[str | None, bool]  # a material, None for none, and whether parts that have it receive
-
-
-def material_use(part: Part) -> Use:
-    """Return which material a part has and whether it receives."""
-    return (part.source.material if isinstance(part.source, Section) else None), part.receives
-
-
-def material_names(parts: Sequence[Part], known: Iterable[str]) -> dict[Use, str]:
-    """Name the materials that parts get: as they are called, but for a copy where some of their parts do not receive.
-
-    known   names of materials that are taken, beside those of the parts
-    """
-    uses = list(dict.fromkeys(map(material_use, parts)))
-    taken = {*known, *(material for material, _ in uses if material)}
-    names: dict[Use, str] = {}
-    for material, receives in uses:
-        if material is not None and not (receives and (material, False) in uses):
-            names[material, receives] = material
-            continue
-        name = f"{material}_ao" if material else "baked" if receives else "plain"
-        free = next(free for free in chain([name], (f"{name}_{n}" for n in count(2))) if free not in taken)
-        taken.add(free)
-        names[material, receives] = free
-    return names
-
 
 def library_lines(
-    document: ObjDocument, names: dict[Use, str], source: Path, target: Path, texture: str, kept: bool
+    document: ObjDocument, names: dict[MaterialUse, str], source: Path, target: Path, texture: str, kept: bool
 ) -> tuple[list[str], tuple[str, ...]]:
     """Return the lines of an MTL at `target`, and what the user should know.
 
@@ -67,13 +45,13 @@ def library_lines(
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
         name = material.name or None
         plain, occluded = names.get((name, False)), names.get((name, True))
-        here = [moved(line, source, target) for line in material.lines]
+        here = [relocate_line(line, source, target) for line in material.lines]
         if plain or not occluded:
             lines += [f"newmtl {plain or name}", *(here or [_WHITE]), ""]
         if occluded:
-            stay = [line for line in here if not (_is_ambient(line) if kept else names_picture(line))]
+            stay = [line for line in here if not (_is_ambient(line) if kept else names_texture(line))]
             lost += len(stay) < len(here)
-            statement = "map_Ka" if kept and material.picture else "map_Kd"
+            statement = "map_Ka" if kept and material.texture else "map_Kd"
             lines += [f"newmtl {occluded}", *(stay or [_WHITE]), f"{statement} {texture}", ""]
     if not lost:
         return lines, ()
@@ -91,10 +69,9 @@ def _is_ambient(line: str) -> bool:
 POSITION, UV, NORMAL = "v {!r} {!r} {!r}", "vt {!r} {!r}", "vn {:.9g} {:.9g} {:.9g}"
 
 
-def fresh_document(scene: Scene) -> ObjDocument:
+def new_document(scene: Scene) -> ObjDocument:
     """Return the OBJ: an object for each part, no materials, bare `f` lines (what they say is in `corners`)."""
-    document = scene.document
-    polygons = document.polygons if isinstance(document, PlyDocument) else Polygons.of_triangles(len(scene.faces))
+    polygons = source_polygons(scene)
     corners = np.full((polygons.counts.sum(), 3), -1, dtype=np.int32)
     corners[polygons.triangles, 0] = scene.faces
     lines = row_lines(POSITION, scene.positions)
@@ -108,7 +85,7 @@ def fresh_document(scene: Scene) -> ObjDocument:
     starts = [0, *(polygons.owners[part.start] for part in scene.parts[1:]), len(polygons.counts)]
     for part, start, stop in zip(scene.parts, starts, starts[1:], strict=False):
         lines += [f"o {' '.join(part.name.split()) or 'mesh'}", *["f"] * (stop - start)]
-    return ObjDocument("\n".join(lines), corners, polygons, scene.normals is not None, {})
+    return ObjDocument(polygons, {}, "\n".join(lines), corners, scene.normals is not None)
 
 
 def row_lines(template: str, rows: NDArray[Any]) -> list[str]:
@@ -132,7 +109,7 @@ class _Rows:
 
 
 def edit_lines(
-    document: ObjDocument, scene: Scene, atlas: Atlas, normals: Float32Array, names: Mapping[Use, str]
+    document: ObjDocument, scene: Scene, atlas: Atlas, normals: Float32Array, names: Mapping[MaterialUse, str]
 ) -> list[str]:
     """Return the lines of a scene's document with the atlas's UVs and these normals on the parts that receive.
 
@@ -144,10 +121,10 @@ def edit_lines(
     receives, polygons = scene.receives, document.polygons
     new_uvs = receives & (atlas.uv_set != 0)
     new_normals = receives & (not _has_normals(document, scene, normals))
-    uvs = np.where(new_uvs[:, None, None], placed_uvs(scene, atlas), 0.0)
+    uvs = np.where(new_uvs[:, None, None], output_uvs(scene, atlas), 0.0)
     shading = np.where(new_normals[:, None, None], normals, np.float32(0))
 
-    faces = polygons.rejoin([uvs, shading], decides=atlas.mapped | ~new_uvs)
+    faces = polygons.merge_triangles([uvs, shading], decisive=atlas.mapped | ~new_uvs)
     vertices, old_uvs, old_normals = document.corners[polygons.triangles.reshape(-1)[faces.corners]].T
     lines = document.text.split("\n")
     vt = _rows(lines, "vt", old_uvs, UV, uvs, new_uvs, faces)
@@ -162,7 +139,7 @@ def edit_lines(
 def _has_normals(document: ObjDocument, scene: Scene, normals: Float32Array) -> bool:
     """Tell whether the file's lines have the normals that were used."""
     where = scene.receives
-    own = scene.normals if document.whole_normals else None
+    own = scene.normals if document.normals_complete else None
     return own is not None and np.array_equal(own[where], normals[where])
 
 
@@ -173,7 +150,7 @@ def _rows(
     template: str,
     values: NDArray[Any],
     new: BoolArray,
-    faces: Faces,
+    faces: OutputFaces,
 ) -> _Rows:
     """Number the (t, 3, c) values of the triangles that are `new`, (t,), after the lines that other faces need."""
     is_new = np.repeat(new, 3)[faces.corners]
@@ -211,7 +188,7 @@ class _Materials:
     starts   the first `f` line of each part
     """
 
-    def __init__(self, starts: list[int], parts: Sequence[Part], names: Mapping[Use, str]) -> None:
+    def __init__(self, starts: list[int], parts: Sequence[Part], names: Mapping[MaterialUse, str]) -> None:
         self._starts = starts
         self._own = [material_use(part)[0] for part in parts]
         self._names = [names[material_use(part)] for part in parts]
@@ -252,28 +229,23 @@ def _edited(
     return result
 
 
-# Writes Wavefront OBJ with an MTL that shows the ambient occlusion as the diffuse texture, or beside it.
+def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+    """Write an OBJ and, beside it, an MTL of the same stem; return warnings.
 
-
-def write_obj(
-    outputs: Outputs, path: Path, scene: Scene, atlas: Atlas, normals: Float32Array, texture: Path, pack: Pack = "none"
-) -> tuple[str, ...]:
-    """Write an OBJ and, beside it, an MTL of the same stem; return what the user should know.
-
-    An OBJ source is kept line by line but for the faces that receive, and its materials but for theirs: these show the
-    texture as map_Kd and lose their other pictures, which were made for other UVs. Where the file's own UVs were used
-    they keep them, and a material that has a map_Kd shows the texture as map_Ka.
+    The lines of an OBJ source are kept except the faces that receive. Their materials show the texture as map_Kd and
+    lose their other textures, which were made for other UVs. Where the file's own UVs were used the textures stay, and
+    a material with a map_Kd shows the baked texture as map_Ka.
     """
-    document = scene.document if isinstance(scene.document, ObjDocument) else fresh_document(scene)
+    scene, atlas = mesh.scene, mesh.atlas
+    document = scene.document if isinstance(scene.document, ObjDocument) else new_document(scene)
     names = material_names(scene.parts, document.materials)
     library = path.with_suffix(".mtl")
-    edited = edit_lines(document, scene, atlas, normals, names)
+    edited = edit_lines(document, scene, atlas, mesh.normals, names)
     outputs.path(path).write_bytes(_encode([f"mtllib {library.name}", *edited]))
-    lines, said = library_lines(
-        document, names, scene.path, library, relative_path(texture, path), kept=atlas.uv_set == 0
-    )
+    texture = relative_path(mesh.texture, path)
+    lines, warnings = library_lines(document, names, scene.path, library, texture, kept=atlas.uv_set == 0)
     outputs.path(library).write_bytes(_encode(lines))
-    return said or what_is_lost(path, scene, atlas)
+    return warnings
 
 
 def _encode(lines: Sequence[str]) -> bytes:

@@ -1,0 +1,161 @@
+"""New bytes in a glTF document: the buffer of a document that is written, and the copy in which streams are decoded."""
+
+from collections.abc import Collection
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.io.formats.gltf.document import COMPONENTS, WIDTHS, GltfDocument, Json, bounds, element_size, numbers
+
+ARRAY, ELEMENT_ARRAY = 34962, 34963
+FLOAT, USHORT, UINT = 5126, 5123, 5125
+
+
+class GltfBuffer:
+    """Collects bytes and describes them in a document's `bufferViews` and `accessors`.
+
+    free_accessors, free_views   entries that nothing refers to any more; new ones take their places first
+    """
+
+    def __init__(self, document: Json, free_accessors: tuple[int, ...] = (), free_views: tuple[int, ...] = ()) -> None:
+        """Start with no bytes."""
+        self._document = document
+        self._bytes = bytearray()
+        self._free = {"accessors": list(free_accessors), "bufferViews": list(free_views)}
+
+    @property
+    def data(self) -> bytes:
+        """All bytes so far."""
+        return bytes(self._bytes)
+
+    def append(self, data: bytes | bytearray) -> int:
+        """Add bytes; return where they begin, at a multiple of 4."""
+        self._bytes += bytes(-len(self._bytes) % 4)
+        start = len(self._bytes)
+        self._bytes += data
+        return start
+
+    def free_views(self, views: Collection[int]) -> None:
+        """Put None in the place of buffer views that nothing refers to any more, and leave out their bytes."""
+        if not views:
+            return
+        entries = self._document["bufferViews"]
+        for index in views:
+            entries[index] = None
+        self._free["bufferViews"] += sorted(views)
+        before, self._bytes = self._bytes, bytearray()
+        for view in filter(None, entries):
+            start = view["byteOffset"]
+            view["byteOffset"] = self.append(before[start : start + view["byteLength"]])
+
+    def add_view(self, data: bytes, **members: int) -> int:
+        """Add bytes with a buffer view of their own; return its number."""
+        view = {"buffer": 0, "byteOffset": self.append(data), "byteLength": len(data), **members}
+        return self._place("bufferViews", view)
+
+    def add_rows(self, accessor: Json, rows: NDArray[np.uint8]) -> int:
+        """Add vertex data as (n, bytes) elements, described as in another accessor; return the new one's number."""
+        size = element_size(accessor)
+        padded = np.pad(rows, ((0, 0), (0, -size % 4)))  # each vertex begins at a multiple of 4
+        stride = {} if padded.shape[1] == size else {"byteStride": padded.shape[1]}
+        view = self.add_view(padded.tobytes(), **stride, target=ARRAY)
+        members = {key: value for key, value in accessor.items() if key not in ("byteOffset", "sparse", "min", "max")}
+        if "min" in accessor or "max" in accessor:
+            members |= bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
+        return self._place("accessors", members | {"bufferView": view, "count": len(rows)})
+
+    def add_floats(self, values: NDArray[Any], bounded: bool = False) -> int:
+        """Add (n, 2 or 3) vertex data as float32; return the number of its accessor."""
+        rows = np.ascontiguousarray(values, dtype="<f4")
+        accessor: Json = {"componentType": FLOAT, "type": f"VEC{rows.shape[1]}"}
+        if bounded:
+            accessor |= {"min": [], "max": []}
+        return self.add_rows(accessor, rows.view(np.uint8))
+
+    def add_triangles(self, triangles: NDArray[Any]) -> int:
+        """Add (f, 3) vertex numbers, in 16 bits where they fit; return the number of the accessor."""
+        # The greatest number of a type is not a vertex but starts a new strip.
+        component = USHORT if triangles.max() < 0xFFFF else UINT
+        view = self.add_view(triangles.astype(COMPONENTS[component]).tobytes(), target=ELEMENT_ARRAY)
+        accessor = {"bufferView": view, "componentType": component, "count": triangles.size, "type": "SCALAR"}
+        return self._place("accessors", accessor)
+
+    def _place(self, kind: str, entry: Json) -> int:
+        entries = self._document.setdefault(kind, [])
+        if self._free[kind]:
+            index = self._free[kind].pop(0)
+            entries[index] = entry
+            return index
+        entries.append(entry)
+        return len(entries) - 1
+
+
+class DecodedCopy:
+    """A copy to be changed, and the bytes of one more buffer, until it is finished.
+
+    source   the document as it is in the file, from which compressed data are read
+    json     the copy of its JSON
+    """
+
+    def __init__(self, source: GltfDocument) -> None:
+        """Start with a copy of everything and no bytes."""
+        self.source = source
+        self.json: Json = deepcopy(source.json)
+        self._bytes = bytearray()
+        self._views: set[int] = set()
+        self._accessors: set[int] = set()
+
+    def fill_view(self, index: int | None, data: bytes, **members: int) -> int:
+        """Let a buffer view, or a new one if None, stand for decoded bytes; return its number.
+
+        The bytes begin at a multiple of 4. Members of the view that are not named stay.
+        """
+        views = self.json["bufferViews"]
+        if index is None:
+            index = len(views)
+            views.append({})
+        self._bytes += bytes(-len(self._bytes) % 4)
+        place = {"buffer": len(self.source.buffers), "byteOffset": len(self._bytes), "byteLength": len(data)}
+        views[index].update(place | members)
+        self._bytes += data
+        self._views.add(index)
+        return index
+
+    def fill_accessor(self, index: int | None, entry: Json) -> int:
+        """Put an accessor in the place of another, or at the end if that is None or was filled; return its number."""
+        accessors = self.json.setdefault("accessors", [])
+        if index is None or index in self._accessors:
+            index = len(accessors)
+            accessors.append(entry)
+        else:
+            accessors[index] = entry
+        self._accessors.add(index)
+        return index
+
+    def finished(self, without: Collection[str]) -> GltfDocument:
+        """Return the copy as a document that does not list some extensions; the copy is not to be used after that."""
+        for key in ("extensionsUsed", "extensionsRequired"):
+            names = [name for name in self.json.pop(key, []) if name not in without]
+            if names:  # the schema has no empty lists
+                self.json[key] = names
+        buffers = self.source.buffers
+        if self._views:
+            self.json["buffers"].append({"byteLength": len(self._bytes)})
+            buffers += (bytes(self._bytes),)
+        document = replace(self.source, json=self.json, buffers=buffers)
+        for index, accessor in enumerate(self.json.get("accessors", [])):
+            if accessor.get("bufferView") in self._views:
+                accessor.update(_bounds(document, index, accessor))
+        return document
+
+
+def _bounds(document: GltfDocument, index: int, accessor: Json) -> Json:
+    """Return what `min` and `max` of an accessor, if it has them, are after coding, which may lose bits."""
+    stated = {"min", "max"} & accessor.keys()
+    if not stated or accessor["type"].startswith("MAT"):
+        return {}
+    found = bounds(numbers(document, index))
+    return {key: found[key] for key in stated & found.keys()}
