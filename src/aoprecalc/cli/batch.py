@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.console import annotate
-from aoprecalc.cli.options import common, memory, option
+from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, options_of, output_options, take
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import AnswerError, StoppedError, UsageError
 from aoprecalc.options import BatchOptions
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _OWN = {"output", "mesh_output", "report", "measure", "as_json", "quiet", "verbose"}  # what batch sees to itself
 
 
-class _BatchCommand(click.Command):
+class _BatchCommand(Command):
     """Tells where the options of other commands go."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -39,32 +39,47 @@ class _BatchCommand(click.Command):
 
 @click.command(cls=_BatchCommand, short_help="Bake and fit many meshes, each only when it has changed.")
 @click.argument("patterns", nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
-@click.option("-o", "--output", metavar="DIR", help="The folder for the results; a manifest may name it instead.")
-@click.option(
-    "--bake", multiple=True, metavar="OPTIONS", help="Make textures, by these options of bake. [default: no --spheres]"
+@option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    group="Output",
+    shown="the manifest's",
+    help="The folder for the results.",
 )
-@click.option("--spheres", multiple=True, metavar="OPTIONS", help="Make sphere sets, by these options of spheres.")
-@option("-j", "--jobs", of=BatchOptions, field="jobs", help="Assets at a time; 0: by the cores and the memory.")
-@click.option(
-    "--timeout", type=click.FloatRange(0, min_open=True), metavar="SECONDS", help="Give an asset up if it takes longer."
+@option(
+    "--bake",
+    multiple=True,
+    metavar="OPTIONS",
+    group="Output",
+    shown="with the defaults, unless --spheres is given",
+    help="Bake textures, by these options of bake. May be repeated.",
 )
-@option("--retries", of=BatchOptions, field="retries", help="Tries for an asset whose process died, beyond the first.")
-@click.option("--fail-fast/--keep-going", help="Stop at the first failure, or make the others. [default: --keep-going]")
-@click.option("--force", is_flag=True, help="Make everything again, whatever is there.")
-@click.option("--prune", is_flag=True, help="Remove what was made of meshes that are not among these any more.")
-@click.option(
-    "--cache", metavar="DIR", help="Results to share between batches. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]"
+@option(
+    "--spheres",
+    multiple=True,
+    metavar="OPTIONS",
+    group="Output",
+    help="Fit spheres, by these options of spheres. May be repeated.",
 )
-@click.option("--no-cache", is_flag=True, help="Neither take results from a cache nor keep them in one.")
-@click.option(
-    "--cache-size", type=memory, default="10G", show_default=True, metavar="SIZE", help="Prune the cache to this size."
+@option(
+    "--report",
+    metavar="FILE",
+    group="Output",
+    help="Write the result of each mesh as JSON.",
+    more="A folder gets `batch.json`.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster, such as tcp://host:8786.")
-@option("--ship", of=BatchOptions, field="ship", help="How files get to its workers: a folder they share, or as bytes.")
-@click.option("--split", is_flag=True, help="Divide the visibility of each bake among its workers.")
-@click.option("--report", metavar="FILE", help="Write what became of each asset as JSON.")
-@click.option("--junit", metavar="FILE", help="Write it as a JUnit file, a test case for each asset.")
-@common
+@option(
+    "--junit",
+    metavar="FILE",
+    group="Output",
+    help="Write a JUnit file with a test case for each mesh.",
+    more="A folder gets `batch.xml`.",
+)
+@option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="Results to share between batches.")
+@option("--no-cache", is_flag=True, group="Cache", help="Use no cache.")
+@options_of(BatchOptions)
+@output_options
 def batch(
     patterns: tuple[str, ...],
     output: str | None,
@@ -90,15 +105,15 @@ def batch(
     from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.io import Outputs
     from aoprecalc.io.outputs import claim_output, json_text, write_json
-    from aoprecalc.pipeline import default_cache, plan_batch, read_job_spec, run_batch
+    from aoprecalc.pipeline import default_cache, make_job_spec, plan_batch, run_batch
     from aoprecalc.pipeline.report import junit as junit_text
 
-    options = BatchOptions(**given)
+    options = take(BatchOptions, given)
     if no_cache and cache is not None:
         raise UsageError("--cache and --no-cache were given; omit one of them")
     spec = None
     if bake or spheres:
-        spec = read_job_spec(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
+        spec = make_job_spec(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
     planned = plan_batch(patterns, output, spec)
     wanted = {"report": (report, ".json"), "junit": (junit, ".xml")}
     places = {name: _place(name, path, suffix) for name, (path, suffix) in wanted.items() if path is not None}

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.options import common, memory, written
+from aoprecalc.cli.options import DEFAULT_CACHE, Command, QuantityType, option, output_options
 from aoprecalc.errors import UsageError
-from aoprecalc.quantities import read_days, say_bytes
+from aoprecalc.options.quantities import AGE, BYTES, format_bytes
 
 if TYPE_CHECKING:
     from aoprecalc.pipeline.cache import CacheUsage
 
-_folder = click.option("--cache", metavar="DIR", help="The folder. [default: $AOPRECALC_CACHE, ~/.cache/aoprecalc]")
+_folder = option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of the cache.")
 
 
 @click.group(no_args_is_help=False, short_help="See or prune the results that batches share.")
@@ -20,9 +20,9 @@ def cache() -> None:
     """See or prune the folder of results that batches share."""
 
 
-@cache.command(short_help="Say where the cache is and what it holds.")
+@cache.command(cls=Command, short_help="Say where the cache is and what it holds.")
 @_folder
-@common
+@output_options
 def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
     """Say where the cache is, how many results it holds, and how large it is."""
     from aoprecalc.pipeline import Cache, default_cache
@@ -31,12 +31,25 @@ def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
     _say(folder, "holds", Cache(folder).usage(), as_json)
 
 
-@cache.command(short_help="Remove what has not been used for long.")
+@cache.command(cls=Command, short_help="Remove what has not been used for long.")
 @_folder
-@click.option("--max-size", type=memory, metavar="SIZE", help="Keep this much, what was used last, such as 5G.")
-@click.option("--max-age", type=written(read_days), metavar="TIME", help="Keep what was used within it, such as 30d.")
-@click.option("--all", "everything", is_flag=True, help="Keep nothing.")
-@common
+@option(
+    "--max-size",
+    type=QuantityType(BYTES),
+    metavar=BYTES.metavar,
+    group="Cache",
+    help="Keep the most recently used results up to this size, such as 5G.",
+)
+@option(
+    "--max-age",
+    type=QuantityType(AGE),
+    metavar=AGE.metavar,
+    group="Cache",
+    help="Keep the results that were used within this time, such as 30d.",
+    more="Or `12h`, or `8w`.",
+)
+@option("--all", "everything", is_flag=True, group="Cache", help="Remove everything.")
+@output_options
 def prune(
     cache: str | None,
     max_size: int | None,
@@ -68,4 +81,4 @@ def _say(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
         click.echo(json_text(document), nl=False)
         return
     results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
-    click.echo(f"{folder}  {verb} {results}, {say_bytes(usage.bytes)}")
+    click.echo(f"{folder}  {verb} {results}, {format_bytes(usage.bytes)}")

@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common, option
+from aoprecalc.cli.options import Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError
 from aoprecalc.options import CompareOptions
 
@@ -17,13 +17,20 @@ _MEANINGS = {
 }
 
 
-@click.command(short_help="Compare two textures, meshes, sphere sets or reports.")
+@click.command(cls=Command, short_help="Compare two textures, meshes, sphere sets or reports.")
 @click.argument("a")
 @click.argument("b")
-@option("--tolerance", of=CompareOptions, field="tolerance", help="Greatest difference that passes; beyond it, exit 1.")
-@click.option("--picture", metavar="FILE", help="Paint A, B, B - A, and what an eye sees of it, side by side.")
-@click.option("--report", metavar="FILE", help="Write what was found as JSON.")
-@common
+@option(
+    "--picture",
+    metavar="FILE",
+    group="Output",
+    help="Draw A, B, B - A and the visible difference (FLIP) side by side.",
+    more="For textures, and meshes that have them (`.png .tif .jpg .tga .bmp`). In B - A blue is darker, red brighter, "
+    "full colour 0.1; FLIP goes from black to red, yellow and white. A folder gets `<stem of A>_compare.png`.",
+)
+@option("--report", metavar="FILE", group="Output", help="Write the result as JSON.")
+@options_of(CompareOptions)
+@output_options
 def compare(a: str, b: str, **given: Any) -> None:
     """Say whether B, made anew, is still the A that was kept: equal, near, or different.
 
@@ -35,7 +42,7 @@ def compare(a: str, b: str, **given: Any) -> None:
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     places = {name: given.pop(name) for name in ("picture", "report")}
     as_json = given.pop("as_json")
-    options = CompareOptions(**given)
+    options = take(CompareOptions, given)
     result = compare(a, b, **places, options=options, progress=console)
     click.echo(json_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
     if not result.passed:

@@ -6,12 +6,12 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common
+from aoprecalc.cli.options import Command, output_options
 from aoprecalc.errors import AoprecalcError, RendererError
 
 
-@click.command(short_help="Say what works on this machine, and what to install.")
-@common
+@click.command(cls=Command, short_help="Say what works on this machine, and what to install.")
+@output_options
 def doctor(*, quiet: bool, verbose: bool, as_json: bool) -> None:
     """Say what this machine can bake with, bake a small scene to see whether it does, and say what to install."""
     from aoprecalc.api.doctor import doctor

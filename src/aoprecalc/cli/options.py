@@ -1,19 +1,75 @@
-"""Options that take their defaults, choices and ranges from `aoprecalc.options`."""
+"""Options of the command line, made from the options classes; and groups of options in `--help`."""
 
+import re
 from collections.abc import Callable
-from dataclasses import fields
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
-from aoprecalc.errors import UsageError
-from aoprecalc.options import RANGES, LightOptions
-from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read_size
+from aoprecalc.errors import ArgumentError
+from aoprecalc.options.fields import OptionField, option_fields
+from aoprecalc.options.quantities import Quantity
 
-_METAVARS = {"crease_angle": "DEG", "target_error": "E", "tolerance": "E"}
+# Headings of `--help`, in their order; what has none of them comes last.
+GROUPS = (
+    "Output", "Texture", "Spheres", "Samples", "Visibility", "Mesh", "Scene", "Measurement", "Cache", "Cluster", "Run",
+)  # fmt: skip
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-Value = TypeVar("Value")
+DEFAULT_CACHE = "$AOPRECALC_CACHE, else ~/.cache/aoprecalc"
+
+Declared = TypeVar("Declared", bound=Callable[..., Any])
+Options = TypeVar("Options")
+
+
+class CliOption(click.Option):
+    """An option with a group in `--help` and a longer text in the README.
+
+    group   heading in `--help`
+    more    what the README adds to the help
+    shown   the default in words, where no value says it
+    """
+
+    def __init__(self, *names: Any, group: str = "", more: str = "", shown: str = "", **given: Any) -> None:
+        """Declare an option as click does."""
+        super().__init__(*names, **given)
+        self.group, self.more, self.shown = group, more, shown
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return names and help; the help ends with the default in words."""
+        record = super().get_help_record(ctx)
+        return (record[0], f"{record[1]}  [default: {self.shown}]") if record and self.shown else record
+
+
+class Command(click.Command):
+    """A command whose `--help` lists its options under headings."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, group by group."""
+        groups: dict[str, list[tuple[str, str]]] = {group: [] for group in (*GROUPS, "Options")}
+        for entry in self.get_params(ctx):
+            record = entry.get_help_record(ctx)
+            if record is not None:
+                groups[getattr(entry, "group", GROUPS[-1]) or "Options"].append(record)
+        for group, records in groups.items():
+            if records:
+                with formatter.section(group):
+                    formatter.write_dl(records)
+
+
+class QuantityType(click.ParamType):
+    """The click type of a quantity."""
+
+    def __init__(self, quantity: Quantity) -> None:
+        """Read texts as a quantity does."""
+        self.name, self._quantity = quantity.metavar, quantity
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the value that a text stands for."""
+        try:
+            return self._quantity.read(value) if isinstance(value, str) else value
+        except ValueError:
+            self.fail(f"{value!r} was found; expected {self._quantity.expected}", param, ctx)
 
 
 def option_name(argument: str) -> str:
@@ -21,66 +77,99 @@ def option_name(argument: str) -> str:
     return f"--{argument.replace('_', '-')}"
 
 
-def option(*names: str, of: type, field: str, help: str) -> Callable[[Command], Command]:
-    """Return a click option for one field of an options class, with its default and its choices or range."""
-    default = next(entry.default for entry in fields(of) if entry.name == field)
-    hint = get_type_hints(of)[field]
-    choices = [choice for choice in get_args(hint) if isinstance(choice, str)]
-    kind = click.Choice(choices) if choices else _number(field, whole=float not in (hint, *get_args(hint)))
-    metavar = None if choices else _METAVARS.get(field, "N")
-    shown = default is not None
-    return click.option(*names, field, default=default, show_default=shown, type=kind, metavar=metavar, help=help)
+def option(*names: str, **given: Any) -> Callable[[Declared], Declared]:
+    """Declare an option that no options class has; see CliOption."""
+    return click.option(*names, cls=CliOption, **given)
 
 
-def _number(field: str, *, whole: bool) -> click.IntRange | click.FloatRange:
-    """Return the type of a number in its field's range; click says its name where the text is none."""
-    kind = click.IntRange(*RANGES[field]) if whole else click.FloatRange(*RANGES[field])
-    kind.name = "whole number" if whole else "number"
-    return kind
+def options_of(kind: type) -> Callable[[Declared], Declared]:
+    """Declare all options of an options class."""
+
+    def declare(command: Declared) -> Declared:
+        for field in reversed(option_fields(kind)):
+            if not field.option.part_of:
+                command = _option_of(kind, field)(command)
+        return command
+
+    return declare
 
 
-def light(command: Command) -> Command:
-    """Add the options of LightOptions."""
+def take(kind: type[Options], given: dict[str, Any]) -> Options:
+    """Return the options of a class among the parameters of the present command, and remove them from these."""
+    source = click.get_current_context().get_parameter_source
+    values = {}
+    for field in option_fields(kind):
+        if field.name in given and (value := given.pop(field.name)) is not None:
+            values[field.name] = value
+            rival = field.option.instead_of
+            if rival and source(field.name) is source(rival) is ParameterSource.COMMANDLINE:
+                raise ArgumentError(field.name, f"is instead of {{{rival}}}, but both were given; omit one", rival)
+    return kind(**values)
+
+
+def output_options(command: Declared) -> Declared:
+    """Declare the options that every command has."""
     for add in (
-        option("--up", of=LightOptions, field="up", help="Away from the floor; auto is y, and z for STL."),
-        click.option("--ground", is_flag=True, help="Stand on an endless floor: no light comes from below."),
-        click.option("--two-sided", is_flag=True, help="Take the lighter of a face's two sides."),
-        click.option("--glass-occludes", is_flag=True, help="Parts that light passes through are in its way as well."),
-        _names("--occluders-only", "Parts that are in the light's way and get no texture."),
-        _names("--exclude", "Parts to treat as if they were not there."),
-        _names("--only", "Parts that get the texture; the others are still in the light's way."),
+        option("-v", "--verbose", is_flag=True, group="Run", help="Print the seconds of each stage; add tracebacks to errors."),
+        option("-q", "--quiet", is_flag=True, group="Run", help="Print nothing but results and errors."),
+        option("--json", "as_json", is_flag=True, group="Output", help="Print the result as JSON on standard output."),
     ):
         command = add(command)
     return command
 
 
-def _names(name: str, help: str) -> Callable[[Command], Command]:
-    """Return an option that names parts, again and again."""
-    return click.option(name, multiple=True, metavar="NAME", help=f"{help} May have * and ?, may be repeated.")
+def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]:
+    """Declare one option of an options class."""
+    about, name = field.option, option_name(field.name)
+    given: dict[str, Any] = {"metavar": about.metavar or None}
+    if field.kind == "flag":
+        given |= {"is_flag": True, "default": False}
+        if about.off:
+            name, given["shown"] = f"{name}/{about.off}", about.off
+    elif field.kind == "names":
+        given |= {"multiple": True, "metavar": "NAME"}
+    else:
+        default = field.default if about.quantity is None else _written_default(field, about.quantity)
+        given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}
+        if about.quantity:
+            given |= {"type": QuantityType(about.quantity), "metavar": about.quantity.metavar}
+        elif field.kind == "choice":
+            given["type"] = click.Choice(field.choices)
+        elif about.range:
+            given |= {"type": _number_type(field), "metavar": about.metavar or "N"}
+    repeated = "May be repeated." if field.kind == "names" else ""
+    return option(
+        *filter(None, (about.short, name)),
+        field.name,
+        help=_with_option_names(kind, " ".join(filter(None, (about.help, repeated)))),
+        more=_with_option_names(kind, about.more),
+        group=about.group,
+        **given | {"shown": _with_option_names(kind, given.get("shown", ""))},
+    )
 
 
-def common(command: Command) -> Command:
-    """Add the options that every command has."""
-    for add in (
-        click.option("-v", "--verbose", is_flag=True, help="Say more: seconds a stage, and tracebacks of errors."),
-        click.option("-q", "--quiet", is_flag=True, help="Print nothing but results and errors."),
-        click.option("--json", "as_json", is_flag=True, help="Print the result's JSON on standard output."),
-    ):
-        command = add(command)
-    return command
+def _number_type(field: OptionField) -> click.IntRange | click.FloatRange:
+    """Return the click type of a number in its field's range."""
+    low, high = field.option.range or (None, None)
+    if field.kind == "integer":
+        whole = click.IntRange(low, high)
+        whole.name = "whole number"  # click says so where a text is none
+        return whole
+    number = click.FloatRange(low, high, min_open=field.option.above_min)
+    number.name = "number"
+    return number
 
 
-def written(read: Callable[[str], Value]) -> Callable[[str], Value]:
-    """Return a click type for a quantity that people write; click says of which option it is wrong."""
-
-    def convert(text: str) -> Value:
-        try:
-            return read(text)
-        except UsageError as error:
-            raise click.BadParameter(str(error)) from error
-
-    return convert
+def _written_default(field: OptionField, quantity: Quantity) -> str | None:
+    """Return a default as people write it; None where it has no such form."""
+    written = field.option.default_text or (quantity.write(field.default) if field.default else "")
+    try:
+        return written if quantity.read(written) == field.default else None
+    except ValueError:
+        return None
 
 
-size, levels = written(read_size), written(read_levels)
-memory, shadow_size = written(read_bytes), written(read_shadow_size)
+def _with_option_names(kind: type, text: str) -> str:
+    """Return a text with options of the command line in place of `argument`s."""
+    names = {field.name for field in option_fields(kind)}
+    return re.sub(r"`(\w+)`", lambda match: option_name(match[1]) if match[1] in names else match[0], text)

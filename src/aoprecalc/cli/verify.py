@@ -5,33 +5,31 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import common, light, option
+from aoprecalc.cli.options import Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError
 from aoprecalc.options import VerifyOptions
 
 
-@click.command(short_help="Measure an ambient-occlusion texture against ray tracing.")
+@click.command(cls=Command, short_help="Measure an ambient-occlusion texture against ray tracing.")
 @click.argument("mesh")
-@click.option(
-    "--texture", metavar="PATH", help="The picture. [default: the one MESH refers to, or <stem>.png beside it]"
-)
-@option("--tolerance", of=VerifyOptions, field="tolerance", help="Greatest RMS error that passes; beyond it, exit 1.")
-@click.option("--heat-map", metavar="FILE", help="Paint the errors in texture space: blue too dark, red too bright.")
-@click.option("--report", metavar="FILE", help="Write what was measured as JSON.")
-@option("--points", of=VerifyOptions, field="points", help="Points on the surface, uniform by area.")
-@option("--rays", of=VerifyOptions, field="rays", help="Rays from each point, rounded up to a square number.")
-@option("--seed", of=VerifyOptions, field="seed", help="Of the points and the rays.")
-@option("--estimator", of=VerifyOptions, field="estimator", help="What the texture is to hold; see bake.")
-@light
-@option("--normals", of=VerifyOptions, field="normals", help="auto: the file's, else smooth.")
 @option(
-    "--crease-angle",
-    of=VerifyOptions,
-    field="crease_angle",
-    help="Degrees; sharper edges are hard where normals are made. [default: 180; STL 40]",
+    "--texture",
+    metavar="PATH",
+    group="Texture",
+    shown="the one that MESH refers to, else <stem>.png beside it",
+    help="The texture.",
 )
-@option("--threads", of=VerifyOptions, field="threads", help="That cast rays; 0: all cores.")
-@common
+@option(
+    "--heat-map",
+    metavar="FILE",
+    group="Output",
+    help="Draw the errors in texture space: blue is too dark, red too bright.",
+    more="White is right, full colour an error of 0.1, grey no surface; one cell a point. A folder gets "
+    "`<stem>_heat_map.png` (`.png .tif .jpg .tga .bmp`).",
+)
+@option("--report", metavar="FILE", group="Output", help="Write what was measured as JSON.")
+@options_of(VerifyOptions)
+@output_options
 def verify(mesh: str, texture: str | None, **given: Any) -> None:
     """Measure the ambient occlusion in the texture of MESH, baked here or elsewhere, against ray tracing.
 
@@ -43,7 +41,7 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     places = {name: given.pop(name) for name in ("heat_map", "report")}
     as_json = given.pop("as_json")
-    options = VerifyOptions(**given)
+    options = take(VerifyOptions, given)
     result = verify(mesh, texture, **places, options=options, progress=console)
     click.echo(json_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
     if not result.passed:

@@ -1,7 +1,7 @@
 """Many assets: each made once, only when it must be, in processes here or on a cluster."""
 
 from aoprecalc.pipeline.cache import Cache, default_cache
-from aoprecalc.pipeline.option_tables import read_job_spec
+from aoprecalc.pipeline.option_tables import make_job_spec
 from aoprecalc.pipeline.plan import Plan, plan_batch
 from aoprecalc.pipeline.report import AssetResult, BatchProgress
 from aoprecalc.pipeline.run import BatchResult, batch, run_batch
@@ -14,7 +14,7 @@ __all__ = [
     "Plan",
     "batch",
     "default_cache",
+    "make_job_spec",
     "plan_batch",
-    "read_job_spec",
     "run_batch",
 ]

@@ -1,140 +1,181 @@
-"""The tables of options in which people say what is to be made of an asset."""
+"""Tables of options, as manifests hold them: `[bake]` and `[spheres]`, read and validated by msgspec."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import fields
-from typing import Any, TypeVar, get_args, get_type_hints
+import re
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
-from aoprecalc.errors import UsageError
+import msgspec
+from msgspec import UNSET, Meta, Struct, UnsetType, defstruct
+
+from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.options.fields import OptionField, option_fields
 from aoprecalc.pipeline.jobs import JobSpec
-from aoprecalc.quantities import read_bytes, read_levels, read_shadow_size, read_size
 
 Table = Mapping[str, Any]
-Options = TypeVar("Options", BakeOptions, SphereOptions)
+Arguments = dict[str, Any]  # Python arguments, by their names
+Choice = Arguments | bool | None  # arguments; true: the defaults; false: none of it; None: as said before
+Document = TypeVar("Document", bound=Struct)
 
-COUNTS = frozenset({"spheres", "tolerance", "levels"})  # each says how many spheres, in place of the others
+# The options that say how many spheres; one given later takes the place of the others.
+COUNTS = frozenset(
+    {"spheres"} | {field.name for field in option_fields(SphereOptions) if field.option.instead_of == "spheres"}
+)
+
+
+def _type_of(field: OptionField) -> Any:
+    """Return the type of an option's value in a table, with what is expected as its description."""
+    types: dict[str, Any] = {"flag": bool, "names": list[str] | str, "integers": list[int], "number": int | float}
+    plain = types.get(field.kind, int)
+    if field.kind == "choice":
+        plain = Literal[(*field.choices, *(int(choice) for choice in field.choices if choice.isdecimal()))]
+    return Annotated[plain | str if field.option.quantity else plain, Meta(description=field.expected)]
+
+
+def _one_of(*choices: str) -> Any:
+    return Annotated[Literal[choices], Meta(description=f"one of {', '.join(filter(None, choices))}")]
+
+
+def _table_type(name: str, kind: type, **others: Any) -> type[Struct]:
+    """Return the type of a table with the options of a class, and with others; what it does not give is UNSET."""
+    types = {field.name: _type_of(field) for field in option_fields(kind) if not field.option.part_of} | others
+    fields = [(key, types[key] | UnsetType, UNSET) for key in sorted(types)]
+    return defstruct(name, fields, forbid_unknown_fields=True, kw_only=True)
+
+
+_BAKE_KEYS = {"texture": "texture_suffix", "mesh": "mesh_suffix", "verify": "verify"}  # key of a table -> field
+_SWITCH = Annotated[bool, Meta(description="true or false")]
+_BakeTable = _table_type(
+    "_BakeTable",
+    BakeOptions,
+    texture=_one_of(*IMAGE_EXTENSIONS),
+    mesh=_one_of("", *OUTPUT_MESH_EXTENSIONS),
+    verify=_SWITCH,
+)
+_SphereTable = _table_type("_SphereTable", SphereOptions, format=_one_of(*SPHERE_EXTENSIONS))
+_EXPECTED_TABLE = Meta(description="a table of its options, true or false")
+_BakeChoice = Annotated[bool | _BakeTable | None, _EXPECTED_TABLE]  # type: ignore[valid-type]
+_SphereChoice = Annotated[bool | _SphereTable | None, _EXPECTED_TABLE]  # type: ignore[valid-type]
+
+
+class Tables(Struct, forbid_unknown_fields=True):
+    """A table that says what is made: a table of options, true for the defaults, false for nothing, None where unsaid."""
+
+    bake: _BakeChoice = None
+    spheres: _SphereChoice = None
+
+    def choices(self) -> tuple[Choice, Choice]:
+        """Return both as Python arguments; raises ArgumentError for a text that is no quantity."""
+        return _arguments(BakeOptions, self.bake), _arguments(SphereOptions, self.spheres)
+
+
+def _arguments(kind: type, table: Struct | bool | None) -> Choice:
+    """Return a table as Python arguments."""
+    if not isinstance(table, Struct):
+        return table
+    fields = {field.name: field for field in option_fields(kind)}
+    given = {name: value for name in table.__struct_fields__ if (value := getattr(table, name)) is not UNSET}
+    return {
+        name: fields[name].read(value)
+        if isinstance(value, str) and name in fields and fields[name].option.quantity
+        else value
+        for name, value in given.items()
+    }
 
 
 def read_job_spec(bake: Table | None, spheres: Table | None) -> JobSpec:
-    """Return the job spec that two tables stand for; None: nothing of the kind.
+    """Return the job spec that two tables stand for, as a manifest holds them; None: nothing of the kind.
 
-    bake      fields of BakeOptions, but `size` as in "2048x1024"; and `texture`, `mesh`, `verify` of JobSpec
-    spheres   fields of SphereOptions; and `format`, the extension of the set
+    bake      options of `aoprecalc bake`, and `texture`, `mesh` (extensions) and `verify`
+    spheres   options of `aoprecalc spheres`, and `format`, the extension of the set
     Keys may be written with - or _. Raises UsageError for a key, a type or a value that is wrong.
+    """
+    tables = convert({"bake": bake, "spheres": spheres}, Tables)
+    chosen_bake, chosen_spheres = tables.choices()
+    return make_job_spec(arguments_of(chosen_bake), arguments_of(chosen_spheres))
+
+
+def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
+    """Return the job spec that Python arguments stand for, which are named as the keys of tables are; None: nothing.
+
+    Raises UsageError where a value is wrong, or where two contradict each other.
     """
     if bake is None and spheres is None:
         raise UsageError("neither bake nor spheres is asked for, so there is nothing to do; ask for one of them")
     made: dict[str, Any] = {}
     if bake is not None:
-        rest = plain_keys(bake)
-        size = dict(zip(("width", "height"), _size(rest.pop("size")), strict=True)) if "size" in rest else {}
-        made["verify"] = _typed("verify", rest.pop("verify", False), bool)
-        made["texture_suffix"] = _extension("texture", rest.pop("texture", ".png"), IMAGE_EXTENSIONS)
-        made["mesh_suffix"] = _extension("mesh", rest.pop("mesh", ""), ("", *OUTPUT_MESH_EXTENSIONS))
-        made["bake"] = _options(BakeOptions, rest, ("size", "texture", "mesh", "verify"), **size)
+        rest = dict(bake)
+        made = {name: rest.pop(key) for key, name in _BAKE_KEYS.items() if key in rest}
+        made["bake"] = BakeOptions(**rest)
     if spheres is not None:
-        rest = plain_keys(spheres)
-        if len(counts := sorted(COUNTS & rest.keys())) > 1:
-            raise UsageError(f"{' and '.join(counts)} both say how many spheres; use one of them")
-        made["spheres_suffix"] = _extension("format", rest.pop("format", ".json"), SPHERE_EXTENSIONS)
-        made["spheres"] = _options(SphereOptions, rest, ("format",))
+        if len(counts := sorted(COUNTS & spheres.keys())) > 1:
+            raise ArgumentError(
+                counts[0], f"and {{{counts[1]}}} both say how many spheres; use one of them", counts[1]
+            )
+        rest = dict(spheres)
+        made["spheres_suffix"] = rest.pop("format", JobSpec.spheres_suffix)
+        made["spheres"] = SphereOptions(**rest)
     return JobSpec(**made)
 
 
-def as_words(options: BakeOptions | SphereOptions) -> list[str]:
-    """Return the words of a command line that stand for options, those that are not the default."""
-    words: list[str] = []
-    given = {field.name: getattr(options, field.name) for field in fields(options)}
-    if isinstance(options, BakeOptions):
-        width, height = given.pop("width"), given.pop("height")
-        if (width, height) != (BakeOptions.width, BakeOptions.height):
-            words += ["--size", str(width) if width == height else f"{width}x{height}"]
-        if given["memory_limit"] is not None:
-            given["memory_limit"] = _amount(given["memory_limit"])
-    elif options.levels or options.tolerance is not None:
-        del given["spheres"]  # these say how many
-    for name, value in given.items():
-        if value == getattr(type(options), name):
-            continue
-        option = f"--{name.replace('_', '-')}"
-        if value is True:
-            words.append(option)
-        elif name == "levels":
-            words += [option, ",".join(map(str, value))]
-        elif isinstance(value, tuple):
-            words += [word for entry in value for word in (option, entry)]
-        else:
-            words += [option, str(value)]
-    return words
+def convert(document: Table, kind: type[Document]) -> Document:
+    """Return a document as a type of msgspec; raises UsageError that names the key and what was expected."""
+    plain = _plain_keys(document)
+    try:
+        return msgspec.convert(plain, kind)
+    except msgspec.ValidationError as error:
+        raise UsageError(_explained(str(error), plain, kind)) from error
 
 
-# Options that people may also write as a text.
-_READ: dict[str, Callable[[str], Any]] = {
-    "memory_limit": read_bytes,
-    "shadow_size": read_shadow_size,
-    "levels": read_levels,
-}
+def key_name(argument: str) -> str:
+    """Return the key of a table that stands for a Python argument."""
+    return argument.replace("_", "-")
 
 
-def _options(kind: type[Options], table: dict[str, Any], others: tuple[str, ...], **values: Any) -> Options:
-    """Return the options of a table whose keys are fields.
-
-    others   what else may be in such a table
-    values   of fields that it names otherwise
-    """
-    hints: dict[str, Any] = get_type_hints(kind)
-    known: set[str] = set(hints) - {"width", "height"}  # these are its size
-    for key, value in table.items():
-        if key not in known:
-            expected = ", ".join(sorted({*others, *known}))
-            raise UsageError(f"{key!r} is no option, one of {expected} was expected".replace("_", "-"))
-        read = _READ.get(key)
-        values[key] = read(value) if read and isinstance(value, str) else _typed(key, value, hints[key])
-    return kind(**values)
-
-
-def plain_keys(table: Table) -> dict[str, Any]:
-    """Return a table under the names of fields; raises UsageError where two keys are one."""
-    plain = {key.replace("-", "_"): value for key, value in table.items()}
-    for key in table:
-        if "-" in key and key.replace("-", "_") in table:
-            raise UsageError(f"{key} is given twice, with - and with _; omit one of them")
-    return plain
-
-
-def _size(value: Any) -> tuple[int, int]:
-    if isinstance(value, str):
-        return read_size(value)
-    if isinstance(value, tuple):
+def _plain_keys(value: Any) -> Any:
+    """Return tables with keys as arguments are named, those in lists too; raises UsageError where two keys are one."""
+    if isinstance(value, list):
+        return [_plain_keys(entry) for entry in value]
+    if not isinstance(value, Mapping):
         return value
-    return (value, value)
+    for key in value:
+        if "-" in key and key.replace("-", "_") in value:
+            raise UsageError(f"{key} is given twice, with - and with _; omit one of them")
+    return {key.replace("-", "_"): _plain_keys(entry) for key, entry in value.items()}
 
 
-def _amount(count: int) -> str:
-    """Write an amount of bytes as `read_bytes` takes it, rounded up to what that can say."""
-    units = enumerate("KMGT", 1)
-    return next(f"{whole}{unit}" for power, unit in units if (whole := -(-count >> 10 * power)) < 10**9)
+def _explained(message: str, document: Any, kind: type[Struct]) -> str:
+    """Say what a message of msgspec says in our form: the key, its value, what was expected."""
+    problem, _, path = message.partition(" - at `$")
+    names: list[str] = []
+    value, rest, expected = document, document, ""
+    for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", path):
+        rest = rest[name or int(index)]
+        if name:
+            value, hint = rest, get_type_hints(kind, include_extras=True)[name]
+            expected = next((entry.description for entry in _parts(hint) if isinstance(entry, Meta)), "")
+            kind = next((entry for entry in _parts(hint) if isinstance(entry, type) and issubclass(entry, Struct)), kind)
+            names.append(key_name(name))
+        else:
+            names[-1] += f"[{index}]"
+    if found := re.fullmatch(r"Object (contains unknown|missing required) field `(.*)`", problem):
+        key = ".".join([*names, key_name(found[2])])
+        if found[1] == "missing required":
+            return f"{key} is missing; add it"
+        return f"{key} is not known; expected one of {', '.join(map(key_name, kind.__struct_fields__))}"
+    key = ".".join(names)
+    return f"{re.sub(r'\[\d+\]$', '', key)} is {value!r}; expected {expected}"
 
 
-def _extension(key: str, value: Any, known: tuple[str, ...]) -> str:
-    if value not in known:
-        raise UsageError(f"{key} is {value!r}; expected one of {', '.join(filter(None, known))}")
-    return str(value)
+def _parts(hint: Any) -> Iterator[Any]:
+    """Yield a type, what it is made of, and its annotations."""
+    yield hint
+    for part in (*get_args(hint), *getattr(hint, "__metadata__", ())):
+        yield from _parts(part)
 
 
-def _typed(key: str, value: Any, hint: Any) -> Any:
-    """Return a value that is as its hint says; what ranges and choices say is checked by the options themselves."""
-    if hint is bool and not isinstance(value, bool):
-        raise UsageError(f"{key.replace('_', '-')} is {value!r}; expected true or false")
-    if getattr(hint, "__origin__", None) is tuple:
-        entries = [value] if isinstance(value, str) else value
-        kind = get_args(hint)[0]
-        if not isinstance(entries, list | tuple) or not all(type(entry) is kind for entry in entries):
-            expected = "names" if kind is str else "whole numbers"
-            raise UsageError(f"{key.replace('_', '-')} is {value!r}; expected a list of {expected}")
-        return tuple(entries)
-    if type(value) is int and str(value) in get_args(hint):  # such as the bits of --bit-depth
-        return str(value)
-    return value
+def arguments_of(choice: Choice) -> Arguments | None:
+    """Return the arguments of a choice; None for none of it."""
+    return ({} if choice else None) if isinstance(choice, bool | None) else choice

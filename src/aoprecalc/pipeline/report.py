@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 from aoprecalc import __version__
 from aoprecalc.io.outputs import SCHEMAS
+from aoprecalc.options.fields import as_words
 from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
-from aoprecalc.pipeline.option_tables import as_words
 
 Status = Literal["made", "unchanged", "cached", "failed", "stopped"]
 
