@@ -161,7 +161,7 @@ USAGE = {
     "a quotation without an end": (["in", "-o", "out", "--bake", "--only 'a"], 2, "a quotation in it has no end"),
     "help inside": (["in", "-o", "out", "--bake", "--help"], 2, "--bake is '--help'"),
     "two numbers of spheres": (
-        ["in", "-o", "out", "--spheres", "-n 8 --tolerance 0.1"], 2, "spheres and tolerance both say how many"
+        ["in", "-o", "out", "--spheres", "-n 8 --tolerance 0.1"], 2, "--spheres and --tolerance both say how many"
     ),
     "no time": (["in", "-o", "out", "--timeout", "0"], 2, "--timeout"),
     "a negative number of jobs": (["in", "-o", "out", "-j", "-1"], 2, "--jobs"),

@@ -223,25 +223,25 @@ WRONG = {
     "no inputs": ('output = "out"\nbake = true\n', 4, "names no meshes"),
     "all left out": (f'{GOOD}bake = true\nexclude = "*"\n', 4, "leaves out all meshes"),
     "a pattern that fits nothing": ('inputs = "*.stl"\noutput = "out"\nbake = true\n', 4, "*.stl: fits no mesh"),
-    "an unknown key": (f"{GOOD}bake = true\njobs = 4\n", 2, "'jobs' at the top is not known, one of inputs"),
+    "an unknown key": (f"{GOOD}bake = true\njobs = 4\n", 2, ".toml: jobs is not known; expected one of bake"),
     "an unknown key of an override": (
-        f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nname = "x"\n', 2, "'name' in [[override]] is not known"
+        f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nname = "x"\n', 2, ".toml: override[0].name is not known;"
     ),
     "an unknown key of an asset": (
-        f'{GOOD}bake = true\n[[asset]]\nmesh = "rock.obj"\nmatch = "x"\n', 2, "'match' in [[asset]] is not known"
+        f'{GOOD}bake = true\n[[asset]]\nmesh = "rock.obj"\nmatch = "x"\n', 2, ".toml: asset[0].match is not known;"
     ),
-    "an unknown option": (f"{GOOD}[bake]\nsise = 9\n", 2, "rock.obj: 'sise' is no option, one of backend"),
-    "a wrong value": (f"{GOOD}[bake]\ndirections = 0\n", 2, "rock.obj: --directions is 0; expected a whole number"),
+    "an unknown option": (f"{GOOD}[bake]\nsise = 9\n", 2, ".toml: bake.sise is not known; expected one of backend"),
+    "a wrong value": (f"{GOOD}[bake]\ndirections = 0\n", 2, "rock.obj: directions is 0; expected a whole number"),
     "a wrong value in an override": (
-        f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nspheres = {{seed = -1}}\n', 2, "rock.obj: --seed is -1"
+        f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nspheres = {{seed = -1}}\n', 2, "rock.obj: seed is -1"
     ),
     "two spellings of a key": (f"{GOOD}[bake]\nshadow-size = 64\nshadow_size = 64\n", 2, "shadow-size is given twice"),
     "inputs that are numbers": ('inputs = [1]\noutput = "out"\nbake = true\n', 2, "inputs is [1]; expected a list"),
     "an output that is a number": ('inputs = "*.obj"\noutput = 1\nbake = true\n', 2, "output is 1; expected a text"),
     "a bake that is a text": (f'{GOOD}bake = "yes"\n', 2, "bake is 'yes'; expected a table"),
     "overrides in one table": (f'{GOOD}bake = true\n[override]\nmatch = "*"\n', 2, "write [[override]] above each"),
-    "an override of nothing": (f"{GOOD}bake = true\n[[override]]\nbake = false\n", 2, "match is missing"),
-    "an asset without a mesh": (f'{GOOD}bake = true\n[[asset]]\nname = "x"\n', 2, "mesh is missing"),
+    "an override of nothing": (f"{GOOD}bake = true\n[[override]]\nbake = false\n", 2, "override[0].match is missing"),
+    "an asset without a mesh": (f'{GOOD}bake = true\n[[asset]]\nname = "x"\n', 2, "asset[0].mesh is missing"),
     "an asset that is a pattern": (f'{GOOD}bake = true\n[[asset]]\nmesh = "r*.obj"\n', 2, "'r*.obj', one file was"),
     "an asset that is a folder": (f'{GOOD}bake = true\n[[asset]]\nmesh = "props"\n', 2, "'props', one file was"),
     "an asset said twice": (

@@ -12,9 +12,10 @@ from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import UsageError
 from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
-from aoprecalc.options import RANGES, BakeOptions, SphereOptions
-from aoprecalc.pipeline.jobs import Asset
-from aoprecalc.pipeline.option_tables import JobSpec, as_words, read_job_spec
+from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.options.fields import as_words, option_field
+from aoprecalc.pipeline.jobs import Asset, JobSpec
+from aoprecalc.pipeline.option_tables import Tables, arguments_of, convert, make_job_spec
 from aoprecalc.pipeline.report import AssetResult, commands
 from pipeline.helpers import BAKE, SPHERES, said
 
@@ -27,6 +28,11 @@ WRITTEN = {
     "bit_depth": {"16": "16", 16: "16"},
 }
 NUMBERS = {"crease_angle": 30.5, "target_error": 0.01, "tolerance": 0.05, "unwrap_timeout": 2.5}
+
+
+def read_job_spec(bake, spheres):
+    """The job spec of two tables as a manifest holds them."""
+    return make_job_spec(*map(arguments_of, convert({"bake": bake, "spheres": spheres}, Tables).choices()))
 
 
 def said_of(kind):
@@ -43,8 +49,9 @@ def said_of(kind):
             yield from ((field.name, choice, choice) for choice in (True, False))
         elif field.name in NUMBERS:
             yield field.name, NUMBERS[field.name], NUMBERS[field.name]
-            yield field.name, RANGES[field.name][1], RANGES[field.name][1]
-        elif field.name in RANGES and field.name not in WRITTEN:
+            highest = option_field(kind, field.name).option.range[1]
+            yield field.name, highest, highest
+        elif option_field(kind, field.name).option.range and field.name not in WRITTEN:
             yield field.name, 197, 197
         elif field.name == "levels":
             yield field.name, [3, 9], (3, 9)
@@ -93,10 +100,10 @@ def test_kinds_of_files_are_said_too():
 
 
 WRONG = {
-    "an option of no command": ({"sise": 9}, None, ["'sise'", "size", "directions"]),
-    "an option of the other": ({"radius": "mean"}, None, ["'radius'", "directions"]),
-    "the other way round": (None, {"directions": 64}, ["'directions'", "samples"]),
-    "width and height, which are the size": ({"width": 64}, None, ["'width'", "size"]),
+    "an option of no command": ({"sise": 9}, None, ["bake.sise is not known", "size", "directions"]),
+    "an option of the other": ({"radius": "mean"}, None, ["bake.radius is not known", "directions"]),
+    "the other way round": (None, {"directions": 64}, ["spheres.directions is not known", "samples"]),
+    "width and height, which are the size": ({"width": 64}, None, ["bake.width is not known", "size"]),
     "a number for a switch": ({"two-sided": 1}, None, ["two-sided is 1", "true or false"]),
     "a text for a switch": ({"ground": "yes"}, None, ["ground is 'yes'", "true or false"]),
     "a number for verify": ({"verify": 1}, None, ["verify is 1", "true or false"]),
@@ -104,7 +111,7 @@ WRONG = {
     "a fraction of a direction": ({"directions": 1.5}, None, ["directions is 1.5", "whole number"]),
     "a switch for a number": ({"padding": True}, None, ["padding is True", "whole number"]),
     "no directions": ({"directions": 0}, None, ["directions is 0", "from 1 to"]),
-    "not a number": ({"crease-angle": float("nan")}, None, ["crease-angle is nan", "from 0 to 180"]),
+    "not a number": ({"crease-angle": float("nan")}, None, ["crease_angle is nan", "from 0 to 180"]),
     "no such choice": ({"fill": "red"}, None, ["fill is 'red'", "pushpull"]),
     "a number for a choice": ({"normals": 1}, None, ["normals is 1", "smooth"]),
     "a depth of no file": ({"bit_depth": 12}, None, ["bit-depth is 12", "half"]),
@@ -116,7 +123,7 @@ WRONG = {
     "a shadow size of letters": ({"shadow-size": "huge"}, None, ["'huge'", "auto"]),
     "numbers for names": ({"only": [1]}, None, ["only is [1]", "list of names"]),
     "a number for names": ({"only": 1}, None, ["only is 1", "list of names"]),
-    "a way up without a floor": ({"up": "z"}, None, ["--up z", "--ground"]),
+    "a way up without a floor": ({"up": "z"}, None, ["up is 'z'", "ground"]),
     "a texture of no kind": ({"texture": "png"}, None, ["texture is 'png'", ".png"]),
     "a mesh that holds no UVs": ({"mesh": ".stl"}, None, ["mesh is '.stl'", ".glb"]),
     "a sphere set of no kind": (None, {"format": ".txt"}, ["format is '.txt'", ".urdf"]),

@@ -52,7 +52,7 @@ class _BatchCommand(Command):
     multiple=True,
     metavar="OPTIONS",
     group="Output",
-    shown="with the defaults, unless --spheres is given",
+    shown="the defaults, unless --spheres is given",
     help="Bake textures, by these options of bake. May be repeated.",
 )
 @option(
@@ -96,11 +96,11 @@ def batch(
 ) -> None:
     """Bake textures and fit spheres of many meshes into DIR, several at a time.
 
-    PATTERN is a mesh, a folder, or a name with *, ? and ** for any folders, in quotes. MANIFEST.toml says for each mesh
-    what is made of it.
+    PATTERN is a mesh, a folder, or a quoted name with *, ?, or ** for any folders. MANIFEST.toml names meshes and the
+    options of each.
 
-    What is there already stays, unless its mesh, the options or the version of aoprecalc have changed. A mesh that
-    fails costs the others nothing; the exit code is 1 then.
+    A result is made again only if its mesh, the options or the version of aoprecalc have changed. If a mesh fails, the
+    others are still made, and the exit code is 1.
     """
     from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.io import Outputs

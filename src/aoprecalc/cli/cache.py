@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.options import DEFAULT_CACHE, Command, QuantityType, option, output_options
+from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type
 from aoprecalc.errors import UsageError
-from aoprecalc.options.quantities import AGE, BYTES, format_bytes
+from aoprecalc.options.fields import AGE, BYTES, format_bytes
 
 if TYPE_CHECKING:
     from aoprecalc.pipeline.cache import CacheUsage
@@ -20,29 +20,29 @@ def cache() -> None:
     """See or prune the folder of results that batches share."""
 
 
-@cache.command(cls=Command, short_help="Say where the cache is and what it holds.")
+@cache.command(cls=Command, short_help="Print where the cache is and how large it is.")
 @_folder
 @output_options
 def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
-    """Say where the cache is, how many results it holds, and how large it is."""
+    """Print where the cache is, how many results it holds, and how large it is."""
     from aoprecalc.pipeline import Cache, default_cache
 
     folder = Path(cache) if cache else default_cache()
     _say(folder, "holds", Cache(folder).usage(), as_json)
 
 
-@cache.command(cls=Command, short_help="Remove what has not been used for long.")
+@cache.command(cls=Command, short_help="Remove results that are old, or exceed a size.")
 @_folder
 @option(
     "--max-size",
-    type=QuantityType(BYTES),
+    type=quantity_type(BYTES),
     metavar=BYTES.metavar,
     group="Cache",
     help="Keep the most recently used results up to this size, such as 5G.",
 )
 @option(
     "--max-age",
-    type=QuantityType(AGE),
+    type=quantity_type(AGE),
     metavar=AGE.metavar,
     group="Cache",
     help="Keep the results that were used within this time, such as 30d.",
@@ -59,7 +59,7 @@ def prune(
     quiet: bool,
     verbose: bool,
 ) -> None:
-    """Remove results: those unused for longer than --max-age, then the longest unused beyond --max-size, or all."""
+    """Remove results that were not used within --max-age, then the least recently used beyond --max-size; or all."""
     from aoprecalc.pipeline import Cache, default_cache
 
     if max_size is None and max_age is None and not everything:

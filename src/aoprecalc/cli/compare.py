@@ -32,7 +32,7 @@ _MEANINGS = {
 @options_of(CompareOptions)
 @output_options
 def compare(a: str, b: str, **given: Any) -> None:
-    """Say whether B, made anew, is still the A that was kept: equal, near, or different.
+    """Compare a new result B with a reference A: equal, near (within the tolerance), or different.
 
     Both are textures, meshes with their textures, sphere sets (.json .csv .npz), or reports (.json).
     """

@@ -10,10 +10,10 @@ from aoprecalc.cli.options import Command, output_options
 from aoprecalc.errors import AoprecalcError, RendererError
 
 
-@click.command(cls=Command, short_help="Say what works on this machine, and what to install.")
+@click.command(cls=Command, short_help="Print what works on this machine, and what to install.")
 @output_options
 def doctor(*, quiet: bool, verbose: bool, as_json: bool) -> None:
-    """Say what this machine can bake with, bake a small scene to see whether it does, and say what to install."""
+    """Print which renderers work on this machine, test one by a small bake, and print what to install."""
     from aoprecalc.api.doctor import doctor
     from aoprecalc.io.outputs import json_text
 

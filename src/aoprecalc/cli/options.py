@@ -8,8 +8,7 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import OptionField, option_fields
-from aoprecalc.options.quantities import Quantity
+from aoprecalc.options.fields import OptionField, Quantity, option_fields
 
 # Headings of `--help`, in their order; what has none of them comes last.
 GROUPS = (
@@ -38,7 +37,10 @@ class CliOption(click.Option):
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Return names and help; the help ends with the default in words."""
         record = super().get_help_record(ctx)
-        return (record[0], f"{record[1]}  [default: {self.shown}]") if record and self.shown else record
+        if not (record and self.shown):
+            return record
+        text, _, bounds = record[1].partition("  [")
+        return record[0], f"{text}  [default: {self.shown}" + (f"; {bounds}" if bounds else "]")
 
 
 class Command(click.Command):
@@ -49,7 +51,7 @@ class Command(click.Command):
         groups: dict[str, list[tuple[str, str]]] = {group: [] for group in (*GROUPS, "Options")}
         for entry in self.get_params(ctx):
             record = entry.get_help_record(ctx)
-            if record is not None:
+            if record is not None and isinstance(entry, click.Option):
                 groups[getattr(entry, "group", GROUPS[-1]) or "Options"].append(record)
         for group, records in groups.items():
             if records:
@@ -57,19 +59,16 @@ class Command(click.Command):
                     formatter.write_dl(records)
 
 
-class QuantityType(click.ParamType):
-    """The click type of a quantity."""
+def quantity_type(quantity: Quantity) -> Callable[[str], Any]:
+    """Return the click type of a quantity."""
 
-    def __init__(self, quantity: Quantity) -> None:
-        """Read texts as a quantity does."""
-        self.name, self._quantity = quantity.metavar, quantity
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the value that a text stands for."""
+    def convert(text: str) -> Any:
         try:
-            return self._quantity.read(value) if isinstance(value, str) else value
+            return quantity.read(text)
         except ValueError:
-            self.fail(f"{value!r} was found; expected {self._quantity.expected}", param, ctx)
+            raise click.BadParameter(f"{text!r} was found; expected {quantity.expected}") from None
+
+    return convert
 
 
 def option_name(argument: str) -> str:
@@ -110,7 +109,13 @@ def take(kind: type[Options], given: dict[str, Any]) -> Options:
 def output_options(command: Declared) -> Declared:
     """Declare the options that every command has."""
     for add in (
-        option("-v", "--verbose", is_flag=True, group="Run", help="Print the seconds of each stage; add tracebacks to errors."),
+        option(
+            "-v",
+            "--verbose",
+            is_flag=True,
+            group="Run",
+            help="Print the seconds of each stage; add tracebacks to errors.",
+        ),
         option("-q", "--quiet", is_flag=True, group="Run", help="Print nothing but results and errors."),
         option("--json", "as_json", is_flag=True, group="Output", help="Print the result as JSON on standard output."),
     ):
@@ -132,7 +137,7 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         default = field.default if about.quantity is None else _written_default(field, about.quantity)
         given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}
         if about.quantity:
-            given |= {"type": QuantityType(about.quantity), "metavar": about.quantity.metavar}
+            given |= {"type": quantity_type(about.quantity), "metavar": about.quantity.metavar}
         elif field.kind == "choice":
             given["type"] = click.Choice(field.choices)
         elif about.range:

@@ -21,18 +21,18 @@ from aoprecalc.options import SphereOptions
     shown="<stem>_spheres.json",
     help="The sphere set (.json .csv .npz .ply .obj .glb .yml .yaml .urdf .usda), or a folder.",
 )
+@options_of(SphereOptions)
 @option(
     "--measure",
     metavar="FILE",
     group="Spheres",
     help="Fit nothing: measure the spheres in FILE (.json .csv .npz) against MESH.",
 )
-@options_of(SphereOptions)
 @output_options
 def spheres(mesh: str, **given: Any) -> None:
-    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb .dae .3mf), to cast shadows or collide.
+    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb .dae .3mf), for soft shadows or for collisions.
 
-    Writes them, in the mesh's own coordinates, as JSON or as what the output's extension says.
+    Writes them in the mesh's own coordinates, in the format of the output's extension.
     """
     from aoprecalc.api.spheres import fit_spheres, measure_spheres
 

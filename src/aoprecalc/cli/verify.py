@@ -31,9 +31,9 @@ from aoprecalc.options import VerifyOptions
 @options_of(VerifyOptions)
 @output_options
 def verify(mesh: str, texture: str | None, **given: Any) -> None:
-    """Measure the ambient occlusion in the texture of MESH, baked here or elsewhere, against ray tracing.
+    """Measure the ambient-occlusion texture of MESH, baked by this or another program, against ray tracing.
 
-    The texture is looked up as a renderer would, at full resolution and in its mip levels.
+    The texture is sampled as a renderer does, at full resolution and in its mip levels.
     """
     from aoprecalc.api.verify import verify
     from aoprecalc.io.outputs import json_text

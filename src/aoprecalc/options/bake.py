@@ -4,8 +4,7 @@ from dataclasses import InitVar, dataclass
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import Option, Validated, documented, option_field
-from aoprecalc.options.quantities import BYTES, SHADOW_SIZE, SIZE
+from aoprecalc.options.fields import BYTES, SHADOW_SIZE, SIZE, Option, Validated, documented, option_field
 
 Sampling = Literal["fibonacci", "random"]
 Estimator = Literal["ratio", "mean"]

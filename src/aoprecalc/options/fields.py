@@ -6,17 +6,34 @@ Validation, the options of the command line, the tables of manifests, the comman
 all derived from that field. Standard library only, so that `--help` is instant.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
+from math import inf
 from numbers import Integral, Real
 from textwrap import wrap
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.quantities import Quantity
 
 Kind = Literal["flag", "choice", "names", "integers", "size", "integer", "number", "text"]
 OptionsClass = TypeVar("OptionsClass", bound=type[Any])
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How a value is written as text.
+
+    read       text -> value; raises ValueError for other text
+    write      value -> text that `read` takes
+    expected   what `read` takes, in words
+    metavar    placeholder in `--help`
+    """
+
+    read: Callable[[str], Any]
+    write: Callable[[Any], str]
+    expected: str
+    metavar: str
 
 
 @dataclass(frozen=True)
@@ -111,7 +128,7 @@ class OptionField:
         if value is None and self.optional:
             return None
         try:
-            return _CONVERTERS[self.kind](self, value)
+            return self._converted(value)
         except (TypeError, ValueError):
             pair = self.kind == "size" and isinstance(value, tuple) and len(value) == 2
             shown = self.option.quantity.write(value) if pair and self.option.quantity else repr(value)
@@ -136,74 +153,37 @@ class OptionField:
             return [word for entry in value for word in (name, entry)]
         return [name, self.option.quantity.write(value) if self.option.quantity else str(value)]
 
-    def in_range(self, value: Any) -> Any:
-        """Return a number that is in the range; raises ValueError for others."""
-        if self.option.range is not None:
-            low, high = self.option.range
-            if not low <= value <= high or (self.option.above_min and value == low):
-                raise ValueError
-        return value
-
-
-def _flag(field: OptionField, value: Any) -> bool:
-    if not isinstance(value, bool) and type(value).__name__ != "bool":  # the second is NumPy's
+    def _converted(self, value: Any) -> Any:
+        """Return a value as its type; raises TypeError or ValueError."""
+        if self.kind == "flag" and (isinstance(value, bool) or type(value).__name__ == "bool"):  # NumPy's
+            return bool(value)
+        if self.kind == "choice" and (text := str(value) if isinstance(value, int) else value) in self.choices:
+            return text
+        if self.kind == "text" and isinstance(value, str):
+            return value
+        if self.kind == "names":
+            names = (value,) if isinstance(value, str) else tuple(value)
+            if all(isinstance(name, str) for name in names):
+                return names
+        if self.kind == "integers":
+            return tuple(self._number(entry) for entry in value)
+        if self.kind == "size":
+            width, height = value if isinstance(value, tuple | list) else (value, value)
+            return self._number(width), self._number(height)
+        if self.kind in ("integer", "number"):
+            return self._number(value)
         raise TypeError
-    return bool(value)
 
-
-def _choice(field: OptionField, value: Any) -> str:
-    text = str(value) if isinstance(value, int) else value  # such as the bits of a channel
-    if not isinstance(text, str) or text not in field.choices:
-        raise ValueError
-    return text
-
-
-def _names(field: OptionField, value: Any) -> tuple[str, ...]:
-    names = (value,) if isinstance(value, str) else tuple(value)
-    if not all(isinstance(name, str) for name in names):
-        raise TypeError
-    return names
-
-
-def _integer(field: OptionField, value: Any) -> int:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError
-    number: int = field.in_range(int(value))
-    return number
-
-
-def _integers(field: OptionField, value: Any) -> tuple[int, ...]:
-    return tuple(_integer(field, entry) for entry in value)
-
-
-def _size(field: OptionField, value: Any) -> tuple[int, int]:
-    width, height = value if isinstance(value, tuple | list) else (value, value)
-    return _integer(field, width), _integer(field, height)
-
-
-def _number(field: OptionField, value: Any) -> float:
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise TypeError
-    number: float = field.in_range(value if isinstance(value, int | float) else float(value))
-    return number
-
-
-def _text(field: OptionField, value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError
-    return value
-
-
-_CONVERTERS: dict[Kind, Callable[[OptionField, Any], Any]] = {
-    "flag": _flag,
-    "choice": _choice,
-    "names": _names,
-    "integers": _integers,
-    "size": _size,
-    "integer": _integer,
-    "number": _number,
-    "text": _text,
-}
+    def _number(self, value: Any) -> int | float:
+        """Return a number in the range; raises TypeError or ValueError."""
+        whole = self.kind != "number"
+        accepted: Any = Integral if whole else Real
+        if isinstance(value, bool) or not isinstance(value, accepted):
+            raise TypeError
+        low, high = self.option.range or (-inf, inf)
+        if not low <= value <= high or (self.option.above_min and value == low):
+            raise ValueError
+        return int(value) if whole else value if isinstance(value, int) else float(value)
 
 
 _FIELDS: dict[type, tuple[OptionField, ...]] = {}
@@ -302,3 +282,69 @@ def as_words(options: Any) -> list[str]:
     given = {field: value for field, value in values.items() if value != field.default}
     replaced = {field.option.instead_of for field in given}
     return [word for field, value in given.items() if field.name not in replaced for word in field.words(value)]
+
+
+# Quantities
+
+
+def _match(pattern: str, text: str) -> re.Match[str]:
+    match = re.fullmatch(pattern, text.strip(), re.IGNORECASE)
+    if match is None:
+        raise ValueError(f"{text!r} does not match {pattern}")
+    return match
+
+
+def _read_size(text: str) -> tuple[int, int]:
+    match = _match(r"(\d{1,9})(?:x(\d{1,9}))?", text)
+    return int(match[1]), int(match[2] or match[1])
+
+
+def _write_size(size: tuple[int, int]) -> str:
+    width, height = size
+    return str(width) if width == height else f"{width}x{height}"
+
+
+def _read_shadow_size(text: str) -> int | None:
+    return None if text == "auto" else int(_match(r"\d{1,9}", text)[0])
+
+
+def _read_levels(text: str) -> tuple[int, ...]:
+    return tuple(int(count) for count in _match(r"\d{1,9}\s*(,\s*\d{1,9}\s*)*", text)[0].split(","))
+
+
+def _read_bytes(text: str) -> int:
+    match = _match(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT])(?:i?B)?", text)
+    return int(float(match[1]) * 1024 ** (1 + "KMGT".index(match[2].upper())))
+
+
+def _write_bytes(count: int) -> str:
+    """Write an amount of memory in the smallest unit that `_read_bytes` takes, rounded up."""
+    units = enumerate("KMGT", 1)
+    return next(f"{whole}{unit}" for power, unit in units if (whole := -(-count >> 10 * power)) < 10**9)
+
+
+def _read_days(text: str) -> float:
+    match = _match(r"(\d{1,6}(?:\.\d{1,6})?)\s*([hdw])", text)
+    return float(match[1]) * {"h": 1 / 24, "d": 1.0, "w": 7.0}[match[2].lower()]
+
+
+SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024", "N|WxH")
+SHADOW_SIZE = Quantity(
+    _read_shadow_size, lambda size: "auto" if size is None else str(size), "a number of texels, or auto", "N|auto"
+)
+LEVELS = Quantity(
+    _read_levels, lambda levels: ",".join(map(str, levels)), "numbers of spheres such as 8,32,128", "N,N,..."
+)
+# K, M, G and T are powers of 1024; so are KB, KiB, ...
+BYTES = Quantity(_read_bytes, _write_bytes, "an amount of memory with K, M, G or T, such as 1.5G", "SIZE")
+AGE = Quantity(_read_days, lambda days: f"{days:g}d", "a time with h, d or w, such as 30d", "TIME")
+
+
+def format_bytes(count: int) -> str:
+    """Write an amount of memory for people, to three digits, such as 1.5G."""
+    amount, unit = float(count), ""
+    for larger in "KMGT":
+        if amount < 1024:
+            break
+        amount, unit = amount / 1024, larger
+    return f"{amount:.0f}{unit or ' bytes'}" if not unit or amount >= 100 else f"{amount:.3g}{unit}"

@@ -5,8 +5,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import Option, Validated, documented, option_field
-from aoprecalc.options.quantities import BYTES, LEVELS
+from aoprecalc.options.fields import BYTES, LEVELS, Option, Validated, documented, option_field
 
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
@@ -157,7 +156,7 @@ class BatchOptions(Validated):
     timeout: Annotated[
         float | None,
         Option(
-            "Give a mesh up that takes longer.",
+            "Give up a mesh that takes longer than this.",
             group="Run",
             range=(0, 10_000_000),
             above_min=True,

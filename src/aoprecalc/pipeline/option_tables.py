@@ -61,7 +61,7 @@ _SphereChoice = Annotated[bool | _SphereTable | None, _EXPECTED_TABLE]  # type: 
 
 
 class Tables(Struct, forbid_unknown_fields=True):
-    """A table that says what is made: a table of options, true for the defaults, false for nothing, None where unsaid."""
+    """What is made: a table of options; true for the defaults, false for nothing, None where nothing is said."""
 
     bake: _BakeChoice = None
     spheres: _SphereChoice = None
@@ -85,18 +85,6 @@ def _arguments(kind: type, table: Struct | bool | None) -> Choice:
     }
 
 
-def read_job_spec(bake: Table | None, spheres: Table | None) -> JobSpec:
-    """Return the job spec that two tables stand for, as a manifest holds them; None: nothing of the kind.
-
-    bake      options of `aoprecalc bake`, and `texture`, `mesh` (extensions) and `verify`
-    spheres   options of `aoprecalc spheres`, and `format`, the extension of the set
-    Keys may be written with - or _. Raises UsageError for a key, a type or a value that is wrong.
-    """
-    tables = convert({"bake": bake, "spheres": spheres}, Tables)
-    chosen_bake, chosen_spheres = tables.choices()
-    return make_job_spec(arguments_of(chosen_bake), arguments_of(chosen_spheres))
-
-
 def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
     """Return the job spec that Python arguments stand for, which are named as the keys of tables are; None: nothing.
 
@@ -111,9 +99,7 @@ def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
         made["bake"] = BakeOptions(**rest)
     if spheres is not None:
         if len(counts := sorted(COUNTS & spheres.keys())) > 1:
-            raise ArgumentError(
-                counts[0], f"and {{{counts[1]}}} both say how many spheres; use one of them", counts[1]
-            )
+            raise ArgumentError(counts[0], f"and {{{counts[1]}}} both say how many spheres; use one of them", counts[1])
         rest = dict(spheres)
         made["spheres_suffix"] = rest.pop("format", JobSpec.spheres_suffix)
         made["spheres"] = SphereOptions(**rest)
@@ -155,8 +141,10 @@ def _explained(message: str, document: Any, kind: type[Struct]) -> str:
         rest = rest[name or int(index)]
         if name:
             value, hint = rest, get_type_hints(kind, include_extras=True)[name]
-            expected = next((entry.description for entry in _parts(hint) if isinstance(entry, Meta)), "")
-            kind = next((entry for entry in _parts(hint) if isinstance(entry, type) and issubclass(entry, Struct)), kind)
+            expected = next((entry.description or "" for entry in _parts(hint) if isinstance(entry, Meta)), "")
+            kind = next(
+                (entry for entry in _parts(hint) if isinstance(entry, type) and issubclass(entry, Struct)), kind
+            )
             names.append(key_name(name))
         else:
             names[-1] += f"[{index}]"
@@ -165,8 +153,8 @@ def _explained(message: str, document: Any, kind: type[Struct]) -> str:
         if found[1] == "missing required":
             return f"{key} is missing; add it"
         return f"{key} is not known; expected one of {', '.join(map(key_name, kind.__struct_fields__))}"
-    key = ".".join(names)
-    return f"{re.sub(r'\[\d+\]$', '', key)} is {value!r}; expected {expected}"
+    key = re.sub(r"\[\d+\]$", "", ".".join(names))  # what is wrong with an entry is said of its list
+    return f"{key} is {value!r}; expected {expected}"
 
 
 def _parts(hint: Any) -> Iterator[Any]:
