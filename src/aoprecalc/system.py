@@ -43,7 +43,8 @@ def _limit(name: str) -> list[str]:
 # The machine and what is installed on it, as far as it matters to a bake; plain JSON values.
 
 LIBRARIES = (
-    "numpy", "scipy", "moderngl", "glcontext", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click", "msgspec", "rich",
+    "numpy", "scipy", "moderngl", "glcontext", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click", "msgspec",
+    "rich",
 )  # fmt: skip
 # The extras of the package and what each brings.
 EXTRAS = {
