@@ -15,7 +15,7 @@ from picture_meshes import HALF_BOX, SIZE, cup, in_a_box, inside_out, leaning_wa
 from PIL import Image, ImageDraw, ImageFont
 
 from aoprecalc import BakeOptions, SphereOptions
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.io import load_scene
 from aoprecalc.progress import Progress

@@ -30,10 +30,13 @@ class StageLines(aoprecalc.Progress):
 def build(mesh: Path, folder: Path, bake: aoprecalc.BakeOptions, fit: aoprecalc.SphereOptions) -> None:
     """Write the texture, the mesh with its UVs and the spheres of one mesh, and print what was measured."""
     print(mesh.name)
-    baked = aoprecalc.bake(mesh, f"{folder}/", options=bake, progress=StageLines())
-    fitted = aoprecalc.fit_spheres(mesh, f"{folder}/", options=fit, progress=StageLines())
-    seconds = baked.report["seconds"]["total"]
-    print(f"  mean occlusion {baked.report['ao']['mean']:.2f}, {len(fitted.spheres)} spheres, {seconds:.1f} s")
+    loaded = aoprecalc.load(mesh)
+    baked = aoprecalc.bake(loaded, bake, progress=StageLines())
+    fitted = aoprecalc.fit_spheres(loaded, fit, progress=StageLines())
+    baked.save(f"{folder}/", progress=StageLines())
+    fitted.save(f"{folder}/")
+    seconds = baked.report.seconds["total"]
+    print(f"  mean occlusion {baked.report.ao.mean:.2f}, {len(fitted)} spheres, {seconds:.1f} s")
 
 
 def main() -> int:

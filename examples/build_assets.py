@@ -49,7 +49,7 @@ def check(golden: Path, outputs: list[Path]) -> bool:
     if not named:
         print(f"no output is called {golden.name}")
         return False
-    compared = aoprecalc.compare(golden, named[0], options=aoprecalc.CompareOptions(tolerance=0.005))
+    compared = aoprecalc.compare(golden, named[0], aoprecalc.CompareOptions(tolerance=0.005))
     print(f"{named[0]} and {golden}: {compared.answer}")
     return compared.passed
 

@@ -13,9 +13,9 @@ import moderngl
 import numpy as np
 from PIL import Image
 
-from aoprecalc import AoprecalcError, InputError, load_scene
+from aoprecalc import AoprecalcError, InputError
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.io import read_image
+from aoprecalc.io import load_scene, read_image
 from aoprecalc.io.sphere_files import read_sphere_set
 from aoprecalc.mesh.normals import shading_normals
 

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from aoprecalc import load_scene
+from aoprecalc.io import load_scene
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SHADERS = EXAMPLES / "shaders"

@@ -1,57 +1,94 @@
 """Ambient-occlusion textures and shadow-casting spheres, precomputed for triangle meshes.
 
-    import aoprecalc
-    result = aoprecalc.bake("mesh.obj")            # writes mesh_ao.png and mesh_ao.obj
-    spheres = aoprecalc.fit_spheres("mesh.obj")    # writes mesh_spheres.json
+    import aoprecalc as ao
+    result = ao.bake("mesh.obj")           # result.ao is the texture, result.mesh has its UVs
+    result.save("build/")                  # writes build/mesh_ao.png and build/mesh_ao.obj
+    spheres = ao.fit_spheres("mesh.obj")   # spheres.centers, spheres.radii
+    spheres.save("build/")                 # writes build/mesh_spheres.json
 
-What the names stand for is loaded on first use, so that importing the package costs nothing.
+A mesh may also be `ao.Mesh(vertices, faces)`, from arrays, or a `trimesh.Trimesh`. Modules are imported on first use of
+their names, so that importing the package takes no time; type checkers see the imports below.
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "bake": "api.bake",
-    "bake_scene": "api.bake",
-    "batch": "pipeline",
-    "compare": "api.compare",
-    "doctor": "api.doctor",
-    "fit_spheres": "api.spheres",
-    "measure_spheres": "api.spheres",
-    "verify": "api.verify",
-    "BakeOptions": "options",
-    "BatchOptions": "options",
-    "CompareOptions": "options",
-    "SphereOptions": "options",
-    "VerifyOptions": "options",
-    "BatchResult": "pipeline",
-    "AssetResult": "pipeline",
-    "BatchProgress": "pipeline",
-    "Progress": "progress",
-    "Scene": "types",
-    "Atlas": "types",
-    "Baked": "types",
-    "Texture": "types",
-    "SphereSet": "types",
-    "load_scene": "io",
-    "AoprecalcError": "errors",
-    "ArgumentError": "errors",
-    "InputError": "errors",
-    "OutputError": "errors",
-    "RendererError": "errors",
-    "UsageError": "errors",
-}
+__all__ = [
+    "AoprecalcError",
+    "ArgumentError",
+    "AssetResult",
+    "BakeFiles",
+    "BakeOptions",
+    "BakeReport",
+    "BakeResult",
+    "BatchOptions",
+    "BatchProgress",
+    "BatchResult",
+    "CompareOptions",
+    "CompareReport",
+    "DoctorReport",
+    "InputError",
+    "Mesh",
+    "OutputError",
+    "Progress",
+    "RendererError",
+    "SphereOptions",
+    "SphereQuality",
+    "SphereResult",
+    "SphereSet",
+    "UsageError",
+    "VerifyOptions",
+    "VerifyReport",
+    "__version__",
+    "bake",
+    "batch",
+    "compare",
+    "doctor",
+    "fit_spheres",
+    "load",
+    "load_spheres",
+    "measure_spheres",
+    "verify",
+]
 
-__all__ = ["__version__", *_HOMES]
+if TYPE_CHECKING:
+    from aoprecalc.api.bake import BakeFiles, BakeResult, bake
+    from aoprecalc.api.compare import CompareReport, compare
+    from aoprecalc.api.doctor import DoctorReport, doctor
+    from aoprecalc.api.mesh import Mesh, load
+    from aoprecalc.api.reports import BakeReport
+    from aoprecalc.api.spheres import SphereQuality, SphereResult, fit_spheres, load_spheres, measure_spheres
+    from aoprecalc.api.verify import VerifyReport, verify
+    from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, RendererError, UsageError
+    from aoprecalc.options import BakeOptions, BatchOptions, CompareOptions, SphereOptions, VerifyOptions
+    from aoprecalc.pipeline import AssetResult, BatchProgress, BatchResult, batch
+    from aoprecalc.progress import Progress
+    from aoprecalc.types import SphereSet
+else:
+    _MODULES = {
+        "api.bake": ("BakeFiles", "BakeResult", "bake"),
+        "api.compare": ("CompareReport", "compare"),
+        "api.doctor": ("DoctorReport", "doctor"),
+        "api.mesh": ("Mesh", "load"),
+        "api.reports": ("BakeReport",),
+        "api.spheres": ("SphereQuality", "SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
+        "api.verify": ("VerifyReport", "verify"),
+        "errors": ("AoprecalcError", "ArgumentError", "InputError", "OutputError", "RendererError", "UsageError"),
+        "options": ("BakeOptions", "BatchOptions", "CompareOptions", "SphereOptions", "VerifyOptions"),
+        "pipeline": ("AssetResult", "BatchProgress", "BatchResult", "batch"),
+        "progress": ("Progress",),
+        "types": ("SphereSet",),
+    }
+    _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
+    def __getattr__(name):
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+        globals()[name] = value
+        return value
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+    def __dir__():
+        return sorted(__all__)

@@ -1,4 +1,4 @@
-"""The one type through which long steps say how far they are."""
+"""Progress of long jobs: what receives it, and the seconds of each stage."""
 
 import time
 from collections.abc import Iterator
@@ -6,37 +6,44 @@ from contextlib import contextmanager
 
 
 class Progress:
-    """Receives what a job is doing; this base class listens in silence.
+    """Receives the progress of a job; this base class ignores it. Derive from it and override what is of interest.
 
-    A job opens one stage after another, and within a stage may count work done.
+    A job opens one stage after another, and may count units of work within a stage.
     """
 
     @contextmanager
     def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[None]:
-        """Enter the stage `name`, of `total` units of work (None: not known beforehand)."""
+        """Enter a stage; it ends with the ``with`` block.
+
+        Parameters
+        ----------
+        name : str
+            What is done, such as ``"unwrap"`` or ``"visibility"``.
+        total : int or None
+            Units of work; None where the number is not known beforehand.
+        unit : str
+            What the units are, such as ``"directions"``.
+        """
         yield
 
     def advance(self, count: int = 1) -> None:
         """Count `count` more units of the present stage as done."""
 
     def step(self, text: str) -> None:
-        """Say what the present stage is at; takes the place of what was said before."""
+        """Show what the present stage is doing; replaces the step before."""
 
     def note(self, text: str) -> None:
-        """Say one line that a curious user wants to know (what was chosen, and why)."""
+        """Show one line about a choice that was made, and why."""
 
     def warn(self, text: str) -> None:
-        """Say one line that a user should know about the result."""
+        """Show one line that the user should know about the result."""
 
 
-# How long each stage of a job took.
-
-
-class Stopwatch:
+class StageTimer:
     """Opens the stages of a job on its progress, and keeps the seconds of each."""
 
     def __init__(self, progress: Progress) -> None:
-        """Start the total."""
+        """Start the total time."""
         self._progress = progress
         self._started = time.perf_counter()
         self._seconds: dict[str, float] = {}

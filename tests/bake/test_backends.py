@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import RendererError
 from aoprecalc.gl import context
 from aoprecalc.options import BakeOptions

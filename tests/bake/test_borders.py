@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from aoprecalc.api import bake as baking
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api import bake_scene as baking
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.mesh.topology import boundary_edges
 from aoprecalc.metrics.reference import reference_ao

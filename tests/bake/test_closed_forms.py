@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
 from shapes import ball, box, disc, hull, join, quad, quad_uvs, scene, triangle_a_cell
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.io.images import quantize
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions

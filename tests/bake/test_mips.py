@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import BakeOptions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
 from shapes import ball, box, hull, notch, quad, quad_uvs, rotation, scene, triangle_a_cell
 

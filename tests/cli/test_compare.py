@@ -15,7 +15,7 @@ TEXTURE, SIZE = "plain_ao.png", 64
 
 
 def compared(a, b, **options):
-    return aoprecalc.compare(a, b, options=aoprecalc.CompareOptions(**options)).report
+    return aoprecalc.compare(a, b, aoprecalc.CompareOptions(**options)).to_dict()
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +29,13 @@ def ring(tmp_path_factory):
     for name, directions, count in (("a", 64, 20), ("b", 64, 20), ("c", 8, 30)):
         options = aoprecalc.BakeOptions(width=SIZE, height=SIZE, directions=directions)
         report = folder / f"{name}_bake.json"
-        aoprecalc.bake(folder / "plain.obj", f"{folder}/{name}/", report=report, options=options)
-        aoprecalc.bake(
-            folder / "plain.obj", folder / name / "g.png", mesh_output=folder / name / "g.glb", options=options
-        )
+        result = aoprecalc.bake(folder / "plain.obj", options)
+        result.save(f"{folder}/{name}/", report=report)
+        result.save(folder / name / "g.png", mesh_output=folder / name / "g.glb")
         report.rename(folder / name / "bake.json")
-        spheres = aoprecalc.SphereOptions(count, samples=2000)
+        spheres = aoprecalc.fit_spheres(folder / "plain.obj", aoprecalc.SphereOptions(count, samples=2000))
         for kind in ("json", "csv", "npz"):
-            aoprecalc.fit_spheres(folder / "plain.obj", folder / name / f"s.{kind}", options=spheres)
+            spheres.save(folder / name / f"s.{kind}")
     return folder
 
 
@@ -84,7 +83,7 @@ def test_spheres_in_another_order_are_equal(ring, tmp_path):
 
 def test_coarser_levels_count(ring, tmp_path):
     options = aoprecalc.SphereOptions(samples=2000, levels=(4, 12))
-    aoprecalc.fit_spheres(ring / "plain.obj", tmp_path / "a.json", options=options)
+    aoprecalc.fit_spheres(ring / "plain.obj", options).save(tmp_path / "a.json")
     document = json.loads((tmp_path / "a.json").read_text())
     document["levels"][0]["spheres"][2]["center"][0] += 0.5
     (tmp_path / "b.json").write_text(json.dumps(document))

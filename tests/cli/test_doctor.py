@@ -17,8 +17,8 @@ from aoprecalc import system as limits
 from aoprecalc import system as machine
 from aoprecalc.api import doctor as checkup
 from aoprecalc.api import doctor as probing
-from aoprecalc.api import self_test as trial_child
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api import self_test
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.cli.doctor import doctor as command
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.gl.context import CANDIDATES
@@ -182,12 +182,12 @@ def test_a_probe_that_hangs_is_ended_and_the_others_are_heard(tmp_path):
     ],
 )
 def test_the_choice_is_the_first_that_works_or_ends_a_bake(answers, name, why):
-    choice, answer = checkup._choice(answers)
+    choice, answer = checkup._choose(answers)
     if name is None:
         assert choice is None
         return
-    assert choice["name"] == name
-    assert why in choice["why"]
+    assert choice.name == name
+    assert why in choice.why
     assert answer.works == (answer.fault == "")
 
 
@@ -211,25 +211,25 @@ def test_a_self_test_with_too_great_an_error_is_said_and_the_code_is_one(monkeyp
 
 @pytest.mark.parametrize("backend", ["gl", "ray"])
 def test_the_self_test_is_well_within_its_bound(backend):
-    measured = trial_child.trial(backend)
+    measured = self_test.run_self_test(backend)
     assert measured["backend"] == backend
     assert measured["passed"]
-    assert measured["error"] < trial_child.MOST_ERROR / 2
+    assert measured["error"] < self_test.MAX_ERROR / 2
 
 
 def test_the_self_test_finds_a_wrong_picture(monkeypatch):
     """Too dark by a twentieth, as if some directions were lost."""
-    real = trial_child.bake_scene
+    real = self_test.bake_scene
 
     def darker(*given):
         baked = real(*given)
         baked.texture.values[:] *= 0.95
         return baked
 
-    monkeypatch.setattr(trial_child, "bake_scene", darker)
-    measured = trial_child.trial()
+    monkeypatch.setattr(self_test, "bake_scene", darker)
+    measured = self_test.run_self_test()
     assert not measured["passed"]
-    assert measured["error"] > trial_child.MOST_ERROR
+    assert measured["error"] > self_test.MAX_ERROR
 
 
 def test_the_limits_of_a_container_count(monkeypatch, tmp_path):
@@ -267,6 +267,6 @@ def test_a_package_that_is_missing_has_no_version(monkeypatch):
 
 
 def test_the_python_api_gives_the_report():
-    result = aoprecalc.doctor()
-    assert result.passed
-    assert set(result.report) == REPORT
+    report = aoprecalc.doctor()
+    assert report.passed
+    assert set(report.to_dict()) == REPORT

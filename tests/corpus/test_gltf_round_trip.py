@@ -6,7 +6,7 @@ import shutil
 import pytest
 from PIL import Image
 
-from aoprecalc.api.bake import bake
+from aoprecalc.api.bake import bake_file
 from aoprecalc.options import BakeOptions
 from gltf_kit.gltf_compare import differences
 from gltf_kit.gltf_occlusion import occlusion_faults, receivers
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.corpus
 
 @pytest.fixture(scope="module", params=["ToyCar", "DamagedHelmet"])
 def trip(request, tmp_path_factory):
-    """(path of a document, its BakeResult); pictures that shared/meshes is without have stand-ins, no two alike."""
+    """(path of a document, its FileBake); pictures that shared/meshes is without have stand-ins, no two alike."""
     folder = tmp_path_factory.mktemp("trip")
     path = folder / f"{request.param}.gltf"
     for file in (MESHES / request.param).iterdir():
@@ -28,17 +28,17 @@ def trip(request, tmp_path_factory):
         if not (folder / image["uri"]).exists():
             Image.new("RGB", (8, 8), (20 * number, 100, 200)).save(folder / image["uri"])
     (folder / "out").mkdir()
-    return path, bake(path, folder / "out", options=BakeOptions(512, 512, directions=32))
+    return path, bake_file(path, folder / "out", options=BakeOptions(512, 512, directions=32))
 
 
 @needs_validator
 def test_it_is_as_valid_as_it_was(trip):
     path, result = trip
-    assert new_issues(path, result.mesh_path) == []
+    assert new_issues(path, result.files.mesh) == []
 
 
 def test_all_else_is_as_it_was(trip):
     path, result = trip
-    before, after = GltfValues(path), GltfValues(result.mesh_path)
+    before, after = GltfValues(path), GltfValues(result.files.mesh)
     assert differences(before, after) == []
-    assert occlusion_faults(before, after, result.texture_path.read_bytes(), receivers(result.baked)) == []
+    assert occlusion_faults(before, after, result.files.texture.read_bytes(), receivers(result.baked)) == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.io import load_scene, read_image
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
 from aoprecalc.mesh.sampling import sample_surface

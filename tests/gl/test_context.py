@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import RendererError, UsageError
 from aoprecalc.gl import context
 from aoprecalc.gl import context as osmesa

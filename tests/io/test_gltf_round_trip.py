@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from aoprecalc.api.bake import BakeResult, bake
+from aoprecalc.api.bake import FileBake, bake_file
 from aoprecalc.io import load_scene
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
 from aoprecalc.options import BakeOptions
@@ -59,7 +59,7 @@ class RoundTrip:
 
     case: Case
     path: Path
-    result: BakeResult
+    result: FileBake
 
 
 @pytest.fixture(scope="module", params=CASES, ids=str)
@@ -68,7 +68,7 @@ def trip(request, tmp_path_factory):
     path, out = make(case.name, case.kind, folder), folder / "out"
     out.mkdir()
     options = BakeOptions(64, 64, directions=32, **case.options)
-    return RoundTrip(case, path, bake(path, out, mesh_output=out / f"baked.{case.written}", options=options))
+    return RoundTrip(case, path, bake_file(path, out, mesh_output=out / f"baked.{case.written}", options=options))
 
 
 @needs_validator
@@ -81,7 +81,7 @@ def test_the_documents_are_valid(tmp_path):
 
 @needs_validator
 def test_a_bake_is_as_valid_as_its_document(trip):
-    assert new_issues(trip.path, trip.result.mesh_path) == []
+    assert new_issues(trip.path, trip.result.files.mesh) == []
 
 
 @needs_validator
@@ -91,26 +91,26 @@ def test_documents_made_of_other_files_are_valid(cube_obj, written):
     out.mkdir()
     (cube_obj.parent / "paint.png").write_bytes(png(CHECKS))
     (cube_obj.parent / "none.mtl").write_text("newmtl paint 0\nmap_Kd paint.png\n")
-    result = bake(cube_obj, out, mesh_output=out / f"baked.{written}", options=BakeOptions(64, 64, directions=32))
-    found = [(issue["code"], issue["pointer"].split("/")[-1]) for issue in issues(result.mesh_path)[0]]
+    result = bake_file(cube_obj, out, mesh_output=out / f"baked.{written}", options=BakeOptions(64, 64, directions=32))
+    found = [(issue["code"], issue["pointer"].split("/")[-1]) for issue in issues(result.files.mesh)[0]]
     # A material without a picture has no need of the UVs that its file had.
     assert set(found) <= {("UNUSED_OBJECT", "TEXCOORD_1")}
 
 
 def test_all_else_is_as_it_was(trip):
-    before, after = GltfValues(trip.path), GltfValues(trip.result.mesh_path)
+    before, after = GltfValues(trip.path), GltfValues(trip.result.files.mesh)
     assert differences(before, after, new_normals="normals" in trip.case.options) == []
 
 
 def test_materials_show_the_texture_where_it_was_baked(trip):
-    picture, wanted = trip.result.texture_path.read_bytes(), receivers(trip.result.baked)
+    picture, wanted = trip.result.files.texture.read_bytes(), receivers(trip.result.baked)
     assert wanted
-    before, after = GltfValues(trip.path), GltfValues(trip.result.mesh_path)
+    before, after = GltfValues(trip.path), GltfValues(trip.result.files.mesh)
     assert occlusion_faults(before, after, picture, wanted) == []
 
 
 def test_corners_have_the_places_and_normals_of_the_bake(trip):
-    baked, back = trip.result.baked, load_scene(trip.result.mesh_path)
+    baked, back = trip.result.baked, load_scene(trip.result.files.mesh)
     assert back.corners == pytest.approx(baked.scene.corners, abs=1e-6)
     for old, new in zip(baked.scene.parts, back.parts, strict=True):
         place = old if old.uv_owner is None else baked.scene.parts[old.uv_owner]

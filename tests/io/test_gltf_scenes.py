@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake
+from aoprecalc.api.bake import bake_file
 from aoprecalc.api.verify import verify
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions, VerifyOptions
@@ -17,8 +17,8 @@ def bake_gltf(gltf, tmp_path):
 
     def run(**options):
         path = gltf.save("made.gltf")
-        result = bake(path, f"{tmp_path}/out/", options=BakeOptions(64, 64, directions=64, **options))
-        return json.loads(path.read_text()), json.loads(result.mesh_path.read_text()), result.report
+        result = bake_file(path, f"{tmp_path}/out/", options=BakeOptions(64, 64, directions=64, **options))
+        return json.loads(path.read_text()), json.loads(result.files.mesh.read_text()), result.report.to_dict()
 
     return run
 
@@ -157,10 +157,10 @@ def test_the_error_of_shared_places_is_told(gltf_cube, tmp_path):
     for x in (0, 2.5):
         gltf.node(mesh=mesh, translation=[x, 0, 0])
     options = BakeOptions(64, 64, directions=256, instances="share", unwrap="xatlas")
-    result = bake(gltf.save("made.gltf"), f"{tmp_path}/out/", options=options, verify=True)
-    said = verify(result.mesh_path, options=VerifyOptions(points=500)).report["warnings"]
-    for warnings in (said, result.report["warnings"]):
-        assert any("1 parts share their places" in line for line in warnings)
+    result = bake_file(gltf.save("made.gltf"), f"{tmp_path}/out/", options=options, verify=True)
+    said = verify(result.files.mesh, options=VerifyOptions(points=500)).warnings
+    for warnings in (said, list(result.report.warnings)):
+        assert any("1 parts share their UVs" in line for line in warnings)
 
 
 def test_glass_is_told_to_be_lost_in_an_obj(gltf_cube, tmp_path):
@@ -168,5 +168,7 @@ def test_glass_is_told_to_be_lost_in_an_obj(gltf_cube, tmp_path):
     gltf.json["materials"] = [{"alphaMode": "BLEND"}]
     gltf.node(mesh=gltf.mesh(cube | {"material": 0}))
     options = BakeOptions(64, 64, directions=64)
-    report = bake(gltf.save(), tmp_path / "a.png", mesh_output=tmp_path / "a.obj", options=options).report
+    report = bake_file(
+        gltf.save(), tmp_path / "a.png", mesh_output=tmp_path / "a.obj", options=options
+    ).report.to_dict()
     assert any("OBJ holds neither transparency nor alpha masks" in line for line in report["warnings"])

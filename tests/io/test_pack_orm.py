@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aoprecalc.api.bake import bake as bake_file
+from aoprecalc.api.bake import bake_file
 from aoprecalc.io import Outputs, load_scene, read_image, write_baked_mesh, write_image
 from aoprecalc.options import BakeOptions
 from gltf_kit.gltf_documents import APART, corner
@@ -371,8 +371,8 @@ def test_a_whole_bake_gives_a_valid_document(gltf, tmp_path, kind):
     path, out = gltf.save(f"made.{kind}", binary="made.bin"), tmp_path / "out"
     out.mkdir()
     result = bake_file(path, out, options=BakeOptions(32, 32, directions=64, pack="orm"))
-    assert new_issues(path, result.mesh_path) == []
-    document, (ao, *_) = GltfValues(result.mesh_path), read_image(result.texture_path)
+    assert new_issues(path, result.files.mesh) == []
+    document, (ao, *_) = GltfValues(result.files.mesh), read_image(result.files.texture)
     assert infos(document, 0) == ({"index": 0}, occlusion_info(0))
     assert pixels(document, {"index": 0})[0, :, 0].tolist() == np.rint(255 * ao).tolist()
     assert infos(document, 1) == (None, occlusion_info(1))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
 from shapes import quad, scene
 

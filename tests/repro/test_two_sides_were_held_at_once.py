@@ -3,7 +3,7 @@
 import gc
 import weakref
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
 from aoprecalc.visibility.backend import GLBackend
 from shapes import scene, torus

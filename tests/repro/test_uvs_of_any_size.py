@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake import bake_scene
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import corner_ids

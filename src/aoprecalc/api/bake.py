@@ -1,17 +1,14 @@
-"""Bake: from a mesh file to an ambient-occlusion texture and the mesh that it belongs to."""
+"""Bake ambient occlusion: from a mesh to its texture in memory, and from a mesh file to files."""
 
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from aoprecalc.api.reports import bake_report
-from aoprecalc.api.verify import about_sharing, verify_scene
-from aoprecalc.api.warnings import bake_warnings
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.api.bake_scene import bake_report, bake_scene
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, baked_mesh
+from aoprecalc.api.reports import BakeOutputs, BakeReport
+from aoprecalc.api.verify import measure_texture, warn_of_shared_uvs
 from aoprecalc.io import (
     Outputs,
     check_mesh_extension,
@@ -23,204 +20,285 @@ from aoprecalc.io import (
     write_baked_mesh,
     write_image,
 )
+from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.outputs import claim_output, output_path, write_json
-from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, VerifyOptions
-from aoprecalc.progress import Progress, Stopwatch
-from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
-from aoprecalc.types import Atlas, Baked, Float32Array, Scene
-from aoprecalc.uv.gutter import first_unsafe_mip
-from aoprecalc.uv.select import choose_atlas
-from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
-from aoprecalc.visibility.projection import auto_shadow_size
+from aoprecalc.progress import Progress, StageTimer
+from aoprecalc.types import Baked, BoolArray, Float32Array, Scene
+from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
-from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
-_DARK = 0.01  # a value below which a texel counts as seeing no direction: maps let through a little at silhouettes
+Output = str | PathLike[str]
+
+
+@dataclass(frozen=True, eq=False)
+class BakeFiles:
+    """Paths of the files of a bake: the texture and the mesh; others that go with the mesh are beside it."""
+
+    texture: Path
+    mesh: Path
 
 
 @dataclass(frozen=True, eq=False)
 class BakeResult:
-    """Where a bake's files are, what it made, and its report (see the README for the report's keys)."""
+    """An ambient-occlusion texture and the mesh that it belongs to.
 
-    texture_path: Path
-    mesh_path: Path
-    baked: Baked
-    report: dict[str, Any]
+    Attributes
+    ----------
+    ao : ndarray, (H, W) float32
+        Ambient occlusion in [0, 1], 1 is open; row 0 is v = 1. Padded and filled, see `BakeOptions`.
+    valid : ndarray, (H, W) bool
+        Texels that the surface covers and whose value was measured.
+    mesh : Mesh
+        The mesh with the UVs (F, 3, 2) of the texture and the normals (F, 3, 3) that were used.
+    report : BakeReport
+        What was chosen and measured.
+    """
+
+    ao: Float32Array
+    valid: BoolArray
+    mesh: Mesh
+    report: BakeReport
+    _baked: Baked = field(repr=False)
+    _options: BakeOptions = field(repr=False)
+
+    def save(
+        self,
+        output: Output,
+        *,
+        mesh_output: Output | None = None,
+        report: Output | None = None,
+        progress: Progress | None = None,
+    ) -> BakeFiles:
+        """Write the texture and the mesh, as the command line does.
+
+        All files appear, or none. A mesh from a file keeps what else the file holds; one from arrays becomes a GLB.
+
+        Parameters
+        ----------
+        output : str or path-like
+            The texture, its format by the extension, or a folder: one that exists, or a name that ends in a slash,
+            which is made. There the texture is ``<name>_ao.png``.
+        mesh_output : str or path-like, optional
+            The mesh, its format by the extension, or a folder. By default ``<name>_ao.<ext>`` beside the texture.
+        report : str or path-like, optional
+            A JSON file for the report, or a folder.
+        progress : Progress, optional
+            Receives warnings about what the mesh's format cannot hold.
+
+        Returns
+        -------
+        BakeFiles
+            Paths of the texture and of the mesh.
+
+        Raises
+        ------
+        UsageError
+            If an extension is unknown, or an output would replace a file of the input.
+        OutputError
+            If a file cannot be written.
+        """
+        plan = _FilePlan(self._baked.scene, self.mesh.name, output, mesh_output, report, self._options)
+        with Outputs() as outputs:
+            outputs.protect(source_files(self._baked.scene))
+            plan.claim(outputs)
+            files, warnings = plan.write(outputs, self._baked)
+            if plan.report is not None:
+                saved = _report_outputs(files, outputs)
+                document = replace(self.report, outputs=saved, warnings=(*self.report.warnings, *warnings))
+                write_json(outputs.path(plan.report), document.to_dict())
+        for line in warnings:
+            (progress or Progress()).warn(line)
+        return files
 
 
 def bake(
-    mesh: str | PathLike[str],
-    output: str | PathLike[str] | None = None,
+    mesh: MeshLike, options: BakeOptions | None = None, *, verify: bool = False, progress: Progress | None = None
+) -> BakeResult:
+    """Bake the ambient occlusion of a mesh into a texture, in memory.
+
+    The value of a surface point is the cosine-weighted share of the directions in front of it along which it sees out
+    of the scene: 1 is open, 0 is closed.
+
+    Parameters
+    ----------
+    mesh : Mesh, str, path-like or trimesh.Trimesh
+        A mesh, or the path of a mesh file.
+    options : BakeOptions, optional
+        Size of the texture, number of directions and so on.
+    verify : bool
+        Measure the texture against ray tracing, for the report; needs the extra ``ray``.
+    progress : Progress, optional
+        Receives stages, notes and warnings.
+
+    Returns
+    -------
+    BakeResult
+        The texture, the mesh with its UVs, and a report.
+
+    Raises
+    ------
+    ArgumentError
+        If `mesh` is no mesh.
+    InputError
+        If the mesh cannot be used, or not be unwrapped as asked.
+    UsageError
+        If the size is beyond the renderer or too small for the charts, or an unwrapper is not installed.
+    RendererError
+        If there is no way to render, see `doctor`.
+
+    References
+    ----------
+    *Précalcul*, section 1.1: the integral (1.1.0.1), its estimate over uniform directions (1.1.1.1), visibility by
+    depth maps (1.1.2), padding and fill (1.1.3).
+
+    Examples
+    --------
+    >>> import aoprecalc as ao
+    >>> result = ao.bake("car.glb", ao.BakeOptions(size=1024))  # doctest: +SKIP
+    >>> result.save("build/")  # doctest: +SKIP
+    """
+    options, progress = options or BakeOptions(), progress or Progress()
+    timer = StageTimer(progress)
+    if verify:
+        require_embreex()
+    with timer.stage("load"):
+        mesh = as_mesh(mesh)
+    baked = bake_scene(mesh._scene, options, progress, timer)
+    errors = _measure(baked, baked.texture.values, options, progress, timer) if verify else None
+    warnings = (*mesh._scene.warnings, *baked.warnings, *(_warn_of_shared_uvs(baked) if verify else ()))
+    report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), warnings)
+    for line in warnings:
+        progress.warn(line)
+    result = baked_mesh(mesh, baked.scene, output_uvs(baked.scene, baked.atlas), baked.normals, baked.texture.values)
+    return BakeResult(baked.texture.values, baked.texture.valid, result, report, baked, options)
+
+
+# From file to files, as the command line and the batch do it.
+
+
+@dataclass(frozen=True, eq=False)
+class FileBake:
+    """A bake that was written: the paths of its files, the bake itself and its report."""
+
+    files: BakeFiles
+    baked: Baked
+    report: BakeReport
+
+
+def bake_file(
+    mesh: Output,
+    output: Output | None = None,
     *,
-    mesh_output: str | PathLike[str] | None = None,
-    report: str | PathLike[str] | None = None,
+    mesh_output: Output | None = None,
+    report: Output | None = None,
     stem: str | None = None,
     verify: bool = False,
     outputs: Outputs | None = None,
     make_visibility: VisibilityFactory = LocalVisibility,
     options: BakeOptions | None = None,
     progress: Progress | None = None,
-) -> BakeResult:
-    """Bake the ambient occlusion of a mesh file into a texture file.
+) -> FileBake:
+    """Bake a mesh file and write the texture and the mesh; outputs are checked before the work.
 
-    output        the texture, or a folder (existing, or ending in /); by default <stem>_ao.png in the current folder
-    mesh_output   the mesh with the texture's UVs; by default <stem>_ao.<ext> beside the texture
-    report        a JSON file for the report
-    stem          what default names begin with; None: the mesh's
-    verify        measure the texture that was written against ray tracing, for the report
-    outputs       receives the files, which the caller then moves to their places; None: they appear at the end
-    open_sight    what makes that which sees; by default it looks by itself
-    Either all files appear, or none and InputError, UsageError, RendererError or OutputError is raised.
+    output            the texture or a folder, see `BakeResult.save`; by default <stem>_ao.png in the current folder
+    stem              of default names; None: the mesh's
+    verify            measure the texture that was written, for the report
+    outputs           receives the files, which the caller then moves to their places; None: they appear at the end
+    make_visibility   see `bake_scene`
+    Either all files appear, or none and what `bake` and `BakeResult.save` raise is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()
     mesh = Path(mesh)
-    stem = stem or mesh.stem
-    watch = Stopwatch(progress)
-    texture_path = output_path(output, f"{stem}_ao.png")
-    choose_bit_depth(texture_path, options.bit_depth)
+    timer = StageTimer(progress)
+    choose_bit_depth(output_path(output, f"{stem or mesh.stem}_ao.png"), options.bit_depth)
     if verify:
         require_embreex()
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
-        claim_output(outputs, output, texture_path)
-        with watch.stage("load"):
+        claim_output(outputs, output, output_path(output, f"{stem or mesh.stem}_ao.png"))
+        with timer.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        folder = texture_path.parent
-        mesh_path = output_path(mesh_output, folder / f"{stem}_ao{output_mesh_extension(scene)[0]}")
-        check_mesh_extension(mesh_path, options.pack)
-        claim_output(outputs, mesh_output, mesh_path)
-        report_path = None if report is None else output_path(report, f"{stem}_report.json")
-        if report_path is not None:
-            claim_output(outputs, report, report_path)
-        baked = bake_scene(scene, options, progress, watch, make_visibility)
-        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
-        mesh_path = output_path(mesh_output, folder / f"{stem}_ao{suffix}")
-        check_mesh_extension(mesh_path, options.pack)
-        with watch.stage("write"):
-            written = outputs.path(texture_path)
-            write_image(written, baked.texture.values, options.bit_depth)
-            notes = write_baked_mesh(
-                outputs, mesh_path, baked.scene, baked.atlas, baked.normals, texture_path, pack=options.pack
-            )
-        warnings = (*scene.warnings, *baked.warnings, *notes, *((reason,) if reason and mesh_output is None else ()))
-        verified = _verified(baked, read_image(written), options, progress, watch) if verify else None
-        if verify and any(part.uv_owner is not None for part in baked.scene.parts):
-            warnings += about_sharing(baked.scene)
-        places = {"texture": texture_path, "mesh": mesh_path}
-        document = bake_report(baked, options, places, outputs.files, verified, watch.seconds(), warnings)
-        if report_path is not None:
-            write_json(outputs.path(report_path), document)
+        plan = _FilePlan(scene, stem or mesh.stem, output, mesh_output, report, options)
+        plan.claim(outputs, texture=False)
+        baked = bake_scene(scene, options, progress, timer, make_visibility)
+        with timer.stage("write"):
+            files, notes = plan.write(outputs, baked)
+        warnings = (*scene.warnings, *baked.warnings, *notes)
+        errors = None
+        if verify:
+            errors = _measure(baked, read_image(outputs.written(files.texture)), options, progress, timer)
+            warnings += _warn_of_shared_uvs(baked)
+        written = _report_outputs(files, outputs)
+        document = bake_report(baked, options, written, errors, timer.seconds(), warnings)
+        if plan.report is not None:
+            write_json(outputs.path(plan.report), document.to_dict())
     for line in warnings:
         progress.warn(line)
-    return BakeResult(texture_path, mesh_path, baked, document)
+    return FileBake(files, baked, document)
 
 
-def bake_scene(
-    scene: Scene,
-    options: BakeOptions,
-    progress: Progress | None = None,
-    watch: Stopwatch | None = None,
-    make_visibility: VisibilityFactory = LocalVisibility,
-) -> Baked:
-    """Bake a scene in memory; nothing is written.
+class _FilePlan:
+    """Where the files of a bake go; raises UsageError for names that cannot be written."""
 
-    open_sight   what makes that which sees; by default it looks by itself
-    Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
-    beyond the renderer or too small for the charts, where an unwrapper is asked for that is not installed and where no
-    texel faces any direction, RendererError where there is no renderer.
-    """
-    progress = progress or Progress()
-    watch = watch or Stopwatch(progress)
-    scene = assign_roles(scene, options, share=options.instances == "share")
-    normals = shading_normals(scene, options.normals, options.crease_angle)
-    with open_backend(options, progress) as backend:
-        backend.check_size(options)
-        with watch.stage("unwrap"):
-            atlas = choose_atlas(backend.rasterizer, scene, options, progress)
-        progress.note(_describe(atlas, options.padding))
-        site = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
-        texels = site.texels
-        size = f"{options.width} x {options.height}"
-        if not len(texels):
-            raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
-        overlap = site.overlap()
-        shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
-        most = texels_per_chunk(
-            options.memory_limit,
-            size,
-            options.width * options.height,
-            len(texels),
-            maps=8 * shadow_size**2,
-            triangles=len(site.sides[0].surface.occluders),
+    def __init__(
+        self,
+        scene: Scene,
+        stem: str,
+        output: Output | None,
+        mesh_output: Output | None,
+        report: Output | None,
+        options: BakeOptions,
+    ) -> None:
+        self._stem, self._output, self._mesh_output, self._report = stem, output, mesh_output, report
+        self._options = options
+        self.texture = output_path(output, f"{stem}_ao.png")
+        choose_bit_depth(self.texture, options.bit_depth)
+        self.mesh = self._mesh_path(output_mesh_extension(scene)[0])
+        self.report = None if report is None else output_path(report, f"{stem}_report.json")
+
+    def claim(self, outputs: Outputs, *, texture: bool = True) -> None:
+        """Make sure that the files can be written."""
+        if texture:
+            claim_output(outputs, self._output, self.texture)
+        claim_output(outputs, self._mesh_output, self.mesh)
+        if self.report is not None:
+            claim_output(outputs, self._report, self.report)
+
+    def write(self, outputs: Outputs, baked: Baked) -> tuple[BakeFiles, tuple[str, ...]]:
+        """Write the texture and the mesh; return their paths and warnings."""
+        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
+        path = self._mesh_path(suffix)
+        write_image(outputs.path(self.texture), baked.texture.values, self._options.bit_depth)
+        notes = write_baked_mesh(
+            outputs, path, baked.scene, baked.atlas, baked.normals, self.texture, pack=self._options.pack
         )
-        looks = sum(len(chunks(len(side.texels), most)) for side in site.sides)
-        unit = "directions" if looks == len(site.sides) else f"directions, {looks} times to save memory"
-        with watch.stage("visibility", looks * 2 * len(site.axes), unit):
-            seen = [_gathered(site, side, make_visibility, shadow_size, most, progress) for side in site.sides]
-        backend.check_errors()
-    if not any(gathered.measured.any() for gathered in seen):
-        raise UsageError(
-            f"{len(texels)} texels are covered but face none of {2 * len(site.axes)} directions; use more --directions"
-        )
-    with watch.stage("finish"):
-        paintings = [resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in seen]
-        texture = pad_and_fill(
-            lighter_of_sides(paintings[0], paintings[-1]), options.padding, options.fill, repeats=atlas.repeats
-        )
-    baked = Baked(
-        scene=scene,
-        texture=texture,
-        atlas=atlas,
-        normals=normals,
-        directions=max(side.directions for side in seen),
-        sampling_error=max((side.error for side in seen if side.error is not None), default=None),
-        occluded_share=_occluded_share(seen, options.width * options.height),
-        backend=backend.kind,
-        renderer=backend.name,
-        shadow_size=shadow_size if backend.kind == "gl" else None,
-    )
-    return replace(baked, warnings=bake_warnings(baked, options, overlap))
+        return BakeFiles(self.texture, path), (*notes, *((reason,) if reason and self._mesh_output is None else ()))
+
+    def _mesh_path(self, suffix: str) -> Path:
+        path = output_path(self._mesh_output, self.texture.parent / f"{self._stem}_ao{suffix}")
+        check_mesh_extension(path, self._options.pack)
+        return path
 
 
-def _gathered(
-    site: BakeSetup,
-    side: SurfaceSide,
-    make_visibility: VisibilityFactory,
-    shadow_size: int,
-    most: int,
-    progress: Progress,
-) -> TexelOcclusion:
-    sight = make_visibility(site, side, shadow_size, most, progress)  # is gone before the next side's is made
-    return gather(site, side, sight, most)
+def _report_outputs(files: BakeFiles, outputs: Outputs) -> BakeOutputs:
+    """Name the files; `others` go with the mesh (.mtl, .bin, images)."""
+    named = {files.texture.resolve(), files.mesh.resolve()}
+    others = sorted(str(files.mesh.parent / path.name) for path in outputs.files if path not in named)
+    return BakeOutputs(str(files.texture), str(files.mesh), tuple(others))
 
 
-def _occluded_share(sides: list[TexelOcclusion], size: int) -> float:
-    """Return the share of the measured texels, of `size` in the picture, that no side sees light from."""
-    measured, lit = np.zeros(size, bool), np.zeros(size, bool)
-    for side in sides:
-        measured[side.texels.index[side.measured]] = True
-        lit[side.texels.index[side.measured & (side.values >= _DARK)]] = True
-    return float(1 - lit[measured].mean())
-
-
-def _verified(
-    baked: Baked, picture: Float32Array, options: BakeOptions, progress: Progress, watch: Stopwatch
+def _measure(
+    baked: Baked, texture: Float32Array, options: BakeOptions, progress: Progress, timer: StageTimer
 ) -> TextureErrors:
-    """Measure the picture that a bake has written."""
-    asked = VerifyOptions(estimator=options.estimator, threads=options.threads)
-    with watch.stage("verify", asked.points, "points"):
-        return verify_scene(baked.scene, baked.atlas, baked.normals, picture, asked, progress)
+    """Measure a texture of the bake against ray tracing."""
+    how = VerifyOptions(estimator=options.estimator, threads=options.threads)
+    with timer.stage("verify", how.points, "points"):
+        return measure_texture(baked.scene, baked.atlas, baked.normals, texture, how, progress)
 
 
-def _describe(atlas: Atlas, padding: int) -> str:
-    charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
-    if atlas.method == "keep":
-        return f"unwrap: the file's own UVs, {charts}"
-    right = first_unsafe_mip(atlas.gutter or 0, padding) - 1
-    gutters = f"gutters of {atlas.gutter} texels: no charts mix up to mip level {right}"
-    return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"
+def _warn_of_shared_uvs(baked: Baked) -> tuple[str, ...]:
+    shared = any(part.uv_owner is not None for part in baked.scene.parts)
+    return warn_of_shared_uvs(baked.scene) if shared else ()

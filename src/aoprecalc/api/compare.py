@@ -1,15 +1,16 @@
-"""What a result is, by the name of its file, and what is in it where several have one extension."""
+"""Compare two results: whether they are equal, near enough, or different."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from aoprecalc import __version__
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.api.mesh import describe_type
+from aoprecalc.api.reports import Document
+from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.io import (
     MESH_EXTENSIONS,
     Outputs,
@@ -24,7 +25,6 @@ from aoprecalc.io.meshes import NoOcclusionError
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files.files import read_levels
 from aoprecalc.metrics import (
-    Answer,
     ComparedMesh,
     Difference,
     document_difference,
@@ -40,7 +40,7 @@ Kind = Literal["texture", "mesh", "spheres", "report"]
 
 
 def kind_of(path: Path) -> Kind:
-    """Return what a file is to hold: of .json what it does hold, of an extension that no other kind has a texture.
+    """Return the kind of a file, by its extension; of a .json by its contents. Unknown extensions are textures.
 
     Raises InputError for a .json that cannot be read, or holds neither a sphere set nor a report.
     """
@@ -59,26 +59,47 @@ def kind_of(path: Path) -> Kind:
     return "report"
 
 
-# Compare: whether two results are the same, near enough, or different.
+@dataclass(frozen=True)
+class CompareReport(Document):
+    """How far two results are apart.
 
+    Attributes
+    ----------
+    kind : {"texture", "mesh", "spheres", "report"}
+    a, b : str
+        Paths of the two files.
+    answer : {"equal", "near", "different"}
+        Near: the difference is at most `tolerance`.
+    difference : float or None
+        In the unit of `kind`, see `CompareOptions`; None where no number can tell.
+    tolerance : float
+    reason : str
+        Why no number can tell; empty where one can.
+    details : dict
+        What else was measured, by the kind.
+    warnings : tuple of str
+    """
 
-@dataclass(frozen=True, eq=False)
-class CompareResult:
-    """Whether two results are the same: the answer, what was measured, and the report (see the README for its keys)."""
-
-    answer: Answer
-    difference: Difference
-    report: dict[str, Any]
+    schema: int = field(default=SCHEMAS["compare"], kw_only=True)
+    kind: Kind
+    a: str
+    b: str
+    answer: Literal["equal", "near", "different"]
+    difference: float | None
+    tolerance: float
+    reason: str
+    details: dict[str, Any]
+    warnings: tuple[str, ...]
 
     @property
     def passed(self) -> bool:
-        """The results are equal or near."""
-        return bool(self.answer != "different")
+        """Tell whether the results are equal or near."""
+        return self.answer != "different"
 
 
 @dataclass(frozen=True, eq=False)
-class _Read:
-    """What is compared of a file, the files that it was read from, and what the user should know about it."""
+class _Input:
+    """One of the two results: its contents, the files that they were read from, and warnings."""
 
     value: Any
     files: tuple[Path, ...]
@@ -88,62 +109,88 @@ class _Read:
 def compare(
     a: str | PathLike[str],
     b: str | PathLike[str],
+    options: CompareOptions | None = None,
     *,
     picture: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
-    options: CompareOptions | None = None,
     progress: Progress | None = None,
-) -> CompareResult:
+) -> CompareReport:
     """Compare two files of one kind: textures, meshes with their textures, sphere sets, or reports.
 
-    picture   a picture file for both textures, B - A, and what an eye sees of it
-    report    a JSON file for the report
-    That they are different is an answer, not an error: the files appear. Raises InputError where a file cannot be used,
-    UsageError where they are of different kinds, or OutputError; then no file appears.
+    Parameters
+    ----------
+    a, b : str or path-like
+        The file that is the reference, and the one that is compared with it.
+    options : CompareOptions, optional
+        The greatest difference that passes.
+    picture : str or path-like, optional
+        A picture file (or a folder) that shows both textures, B - A, and FLIP, the difference that an eye sees.
+    report : str or path-like, optional
+        A JSON file (or a folder) for the report.
+    progress : Progress, optional
+        Receives stages and warnings.
+
+    Returns
+    -------
+    CompareReport
+        A difference beyond `CompareOptions.tolerance` is an answer (`passed` is False); the files are written.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used.
+    UsageError
+        If the files are of different kinds, or `picture` is given for a kind that has none.
+    OutputError
+        If a file cannot be written; then none is.
+
+    References
+    ----------
+    P. Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020.
     """
+    for argument, value in (("a", a), ("b", b)):
+        if not isinstance(value, str | PathLike):
+            raise ArgumentError(argument, f"is {describe_type(value)}, the path of a file was expected")
     options, progress = options or CompareOptions(), progress or Progress()
     a, b = Path(a), Path(b)
     wanted = {"picture": (picture, f"{a.stem}_compare.png"), "report": (report, f"{a.stem}_compare.json")}
-    places = {name: output_path(path, default) for name, (path, default) in wanted.items() if path is not None}
-    if "picture" in places:
-        choose_bit_depth(places["picture"], "8")
+    paths = {name: output_path(output, default) for name, (output, default) in wanted.items() if output is not None}
+    if "picture" in paths:
+        choose_bit_depth(paths["picture"], "8")
     with Outputs() as outputs:
         kind = _common_kind(a, b)
-        if "picture" in places and kind not in ("texture", "mesh"):
+        if "picture" in paths and kind not in ("texture", "mesh"):
             raise UsageError(f"{a}: is a {_NAMES[kind]}, of which --picture shows nothing; omit it")
-        read, measure = _WAYS[kind]
+        read, measure = _METHODS[kind]
         with progress.stage("load"):
             first, second = read(a), read(b)
         outputs.protect([*first.files, *second.files])
-        for name, place in places.items():
-            claim_output(outputs, wanted[name][0], place)
+        for name, path in paths.items():
+            claim_output(outputs, wanted[name][0], path)
         with progress.stage("compare"):
             difference = measure(first.value, second.value)
             answer = difference.answer(options.tolerance)
-        if "picture" in places:
+        if "picture" in paths:
             if difference.pair is None:
                 raise UsageError(f"{a}, {b}: have no textures to be compared, so --picture shows nothing; omit it")
-            write_colors(outputs.path(places["picture"]), comparison_picture(difference.pair))
-        said = [f"{path}: {line}" for path, found in ((a, first), (b, second)) for line in found.warnings]
-        warnings = [*dict.fromkeys(said), *difference.warnings]
-        document = {
-            "schema": SCHEMAS["compare"],
-            "version": __version__,
-            "kind": kind,
-            "a": str(a),
-            "b": str(b),
-            "answer": answer,
-            "difference": difference.value,
-            "tolerance": options.tolerance,
-            "reason": difference.reason,
-            "details": difference.details,
-            "warnings": warnings,
-        }
-        if "report" in places:
-            write_json(outputs.path(places["report"]), document)
-    for line in warnings:
+            write_colors(outputs.path(paths["picture"]), comparison_picture(difference.pair))
+        lines = [f"{path}: {line}" for path, side in ((a, first), (b, second)) for line in side.warnings]
+        document = CompareReport(
+            kind=kind,
+            a=str(a),
+            b=str(b),
+            answer=answer,
+            difference=difference.value,
+            tolerance=options.tolerance,
+            reason=difference.reason,
+            details=difference.details,
+            warnings=(*dict.fromkeys(lines), *difference.warnings),
+        )
+        if "report" in paths:
+            write_json(outputs.path(paths["report"]), document.to_dict())
+    for line in document.warnings:
         progress.warn(line)
-    return CompareResult(answer, difference, document)
+    return document
 
 
 def _common_kind(a: Path, b: Path) -> Kind:
@@ -154,37 +201,37 @@ def _common_kind(a: Path, b: Path) -> Kind:
     return kinds[0]
 
 
-def _read_texture(path: Path) -> _Read:
+def _read_texture(path: Path) -> _Input:
     pixels = read_pixels(path)
     if not np.isfinite(pixels).all():
         raise InputError(f"{path}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    return _Read(pixels, (path,))
+    return _Input(pixels, (path,))
 
 
-def _read_mesh(path: Path) -> _Read:
+def _read_mesh(path: Path) -> _Input:
     scene = load_scene(path)
     try:
-        found = find_occlusion(scene)
+        picture = find_occlusion(scene)
     except NoOcclusionError:
         surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets)
-        return _Read(surface, tuple(source_files(scene)), scene.warnings)
-    lies = np.where(found.shown[:, None, None], found.uvs, np.nan)
-    surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, found.values[:, :, None], lies)
-    files = [*source_files(scene), *([] if found.path is None else [found.path])]
-    return _Read(surface, tuple(files), (*scene.warnings, *found.warnings))
+        return _Input(surface, tuple(source_files(scene)), scene.warnings)
+    uvs = np.where(picture.shown[:, None, None], picture.uvs, np.nan)
+    surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, picture.values[:, :, None], uvs)
+    files = [*source_files(scene), *([] if picture.path is None else [picture.path])]
+    return _Input(surface, tuple(files), (*scene.warnings, *picture.warnings))
 
 
-def _read_spheres(path: Path) -> _Read:
-    return _Read(read_levels(path), (path,))
+def _read_spheres(path: Path) -> _Input:
+    return _Input(read_levels(path), (path,))
 
 
-def _read_report(path: Path) -> _Read:
-    return _Read(read_json_object(path), (path,))
+def _read_report(path: Path) -> _Input:
+    return _Input(read_json_object(path), (path,))
 
 
 _NAMES: dict[Kind, str] = {"texture": "texture", "mesh": "mesh", "spheres": "sphere set", "report": "report"}
 
-_WAYS: dict[Kind, tuple[Callable[[Path], _Read], Callable[[Any, Any], Difference]]] = {
+_METHODS: dict[Kind, tuple[Callable[[Path], _Input], Callable[[Any, Any], Difference]]] = {
     "texture": (_read_texture, picture_difference),
     "mesh": (_read_mesh, mesh_difference),
     "spheres": (_read_spheres, spheres_difference),

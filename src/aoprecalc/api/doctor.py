@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from aoprecalc import __version__
+from aoprecalc.api.reports import OMIT_NONE, Document, Report
 from aoprecalc.gl.context import CANDIDATES, INSTALLS, VERSION, Candidate
 from aoprecalc.io.outputs import SCHEMAS
-from aoprecalc.progress import Progress, Stopwatch
+from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.subprocesses import ChildStoppedError, ChildTimeoutError, ask, command
 from aoprecalc.system import EXTRAS, LIBRARIES, environment, machine, versions
 
@@ -84,10 +84,9 @@ def _child(*request: str) -> list[str]:
     return command("aoprecalc.api.probe", *request)
 
 
-# Doctor: what this machine can bake with, whether a small bake comes out right, and what to install.
+# The report: what this machine can bake with, whether a small bake comes out right, and what to install.
 
-
-_TRIAL = command("aoprecalc.api.self_test")
+_SELF_TEST = command("aoprecalc.api.self_test")
 _SELF_TEST_SECONDS = 60.0  # that the self-test may take; two are plenty on two cores
 _OPENGL = f"OpenGL {VERSION[0]}.{VERSION[1]}"
 _WHY = {
@@ -102,84 +101,171 @@ _USES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Checkup:
-    """Whether the self-test passed, and the report (see the README for its keys)."""
+@dataclass(frozen=True)
+class Machine(Report):
+    """What runs aoprecalc; `cores` and `memory` (bytes; None where it is not known) are what a container allows."""
+
+    python: str
+    platform: str
+    cores: float
+    memory: int | None
+
+
+@dataclass(frozen=True)
+class RendererStatus(Report):
+    """A renderer: why it does not work (`fault`), or what it says of itself; `software` has no GPU."""
+
+    name: str
+    backend: str
+    works: bool
+    fault: str | None
+    renderer: str | None = field(default=None, metadata=OMIT_NONE)
+    vendor: str | None = field(default=None, metadata=OMIT_NONE)
+    version: str | None = field(default=None, metadata=OMIT_NONE)
+    software: bool | None = field(default=None, metadata=OMIT_NONE)
+    max_texture_size: int | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True)
+class RendererChoice(Report):
+    """The renderer that a bake takes, and why."""
+
+    name: str
+    backend: str
+    why: str
+
+
+@dataclass(frozen=True)
+class SelfTestResult(Report):
+    """A small bake: its RMS error and the greatest that passes, or why it could not be measured (`fault`)."""
 
     passed: bool
-    report: dict[str, Any]
+    backend: str | None = field(default=None, metadata=OMIT_NONE)
+    renderer: str | None = field(default=None, metadata=OMIT_NONE)
+    error: float | None = field(default=None, metadata=OMIT_NONE)
+    allowed: float | None = field(default=None, metadata=OMIT_NONE)
+    seconds: float | None = field(default=None, metadata=OMIT_NONE)
+    fault: str | None = None
 
 
-def doctor(progress: Progress | None = None) -> Checkup:
-    """Try all that may render, bake a small scene with what a bake would take, and say what to install.
+@dataclass(frozen=True)
+class InstallHint(Report):
+    """Something that is missing, what for, and by system (or ``"any"``) the line that installs it."""
 
-    Neither a broken driver nor a machine without any renderer is an error: both are found in the report.
+    what: str
+    purpose: str = field(metadata={"key": "for"})
+    lines: dict[str, str]
+
+
+@dataclass(frozen=True)
+class DoctorReport(Document):
+    """What this machine can bake with.
+
+    Attributes
+    ----------
+    machine : Machine
+    environment : dict of str to str
+        Variables that steer drivers and loaders.
+    renderers : tuple of RendererStatus
+        In the order in which a bake tries them.
+    auto : RendererChoice or None
+        The one that a bake takes; None where none works.
+    self_test : SelfTestResult or None
+        None where nothing renders.
+    libraries : dict of str to str or None
+        Versions; None where one is not installed.
+    extras : dict of str to dict
+        The same of each optional extra.
+    install : tuple of InstallHint
+    passed : bool
+        The self-test passed.
+    seconds : dict of str to float
+        Per stage, and ``"total"``.
     """
-    watch = Stopwatch(progress or Progress())
-    with watch.stage("renderers"):
-        found = probe_all()
-    choice, chosen = _choice(found)
-    trial = None
+
+    schema: int = field(default=SCHEMAS["doctor"], kw_only=True)
+    machine: Machine
+    environment: dict[str, str]
+    renderers: tuple[RendererStatus, ...]
+    auto: RendererChoice | None
+    self_test: SelfTestResult | None
+    libraries: dict[str, str | None]
+    extras: dict[str, dict[str, str | None]]
+    install: tuple[InstallHint, ...]
+    passed: bool
+    seconds: dict[str, float]
+
+
+def doctor(*, progress: Progress | None = None) -> DoctorReport:
+    """Try all renderers, bake a small scene with the one that a bake would take, and say what to install.
+
+    Parameters
+    ----------
+    progress : Progress, optional
+        Receives stages.
+
+    Returns
+    -------
+    DoctorReport
+        A broken driver, or a machine without any renderer, is no error: the report says so.
+    """
+    timer = StageTimer(progress or Progress())
+    with timer.stage("renderers"):
+        probes = probe_all()
+    choice, chosen = _choose(probes)
+    self_test = None
     if choice is not None:
-        with watch.stage("self-test"):
-            trial = _trial() if chosen.works else {"passed": False, "fault": chosen.fault}
-    passed = trial is not None and bool(trial["passed"])
+        with timer.stage("self-test"):
+            self_test = _run_self_test() if chosen.works else SelfTestResult(passed=False, fault=chosen.fault)
     extras = {extra: versions(names) for extra, names in EXTRAS.items()}
-    report = {
-        "schema": SCHEMAS["doctor"],
-        "version": __version__,
-        "machine": machine(),
-        "environment": environment(),
-        "renderers": [
-            {"name": name, "backend": backend, "works": answer.works, "fault": answer.fault or None, **answer.facts}
-            for name, backend, answer in _ways(found)
-        ],
-        "auto": choice,
-        "self_test": trial,
-        "libraries": versions(LIBRARIES),
-        "extras": extras,
-        "install": _install(found, extras),
-        "passed": passed,
-        "seconds": watch.seconds(),
-    }
-    return Checkup(passed, report)
+    return DoctorReport(
+        machine=Machine(**machine()),
+        environment=environment(),
+        renderers=tuple(
+            RendererStatus(name, backend, answer.works, answer.fault or None, **answer.facts)
+            for name, backend, answer in _renderers(probes)
+        ),
+        auto=choice,
+        self_test=self_test,
+        libraries=versions(LIBRARIES),
+        extras=extras,
+        install=tuple(_install_hints(probes, extras)),
+        passed=self_test is not None and self_test.passed,
+        seconds=timer.seconds(),
+    )
 
 
-def _ways(found: Found) -> list[tuple[str, str, Answer]]:
-    """Return name, backend and answer of all that may render, in the order in which --backend auto tries them."""
-    return [*((candidate.name, "gl", answer) for candidate, answer in found.opengl), ("Embree", "ray", found.rays)]
+def _renderers(probes: Found) -> list[tuple[str, str, Answer]]:
+    """Return (name, backend, answer) of all renderers, in the order in which --backend auto tries them."""
+    return [*((candidate.name, "gl", answer) for candidate, answer in probes.opengl), ("Embree", "ray", probes.rays)]
 
 
-def _choice(found: Found) -> tuple[dict[str, Any] | None, Answer]:
-    """Return what --backend auto takes and why, and what its probe answered; None where nothing renders.
+def _choose(probes: Found) -> tuple[RendererChoice | None, Answer]:
+    """Return what --backend auto takes, and what its probe answered; None where nothing renders.
 
-    A bake that comes to a driver that crashes or hangs gets no further, whatever works behind it.
+    A bake that comes to a driver that crashes or hangs goes no further, whatever works behind it.
     """
-    for name, backend, answer in _ways(found):
+    for name, backend, answer in _renderers(probes):
         if answer.works or answer.deadly:
-            why = _WHY[backend] if answer.works else f"a bake comes to it and gets no further ({answer.fault})"
-            return {"name": name, "backend": backend, "why": why}, answer
-    return None, found.rays
+            why = _WHY[backend] if answer.works else f"a bake tries it and gets no further ({answer.fault})"
+            return RendererChoice(name, backend, why), answer
+    return None, probes.rays
 
 
-def _trial() -> dict[str, Any]:
-    """Return what the self-test measured; `fault` says why where it could not."""
-    (answer,) = run_probes([_TRIAL], _SELF_TEST_SECONDS)
-    return {"passed": False, **answer.facts, "fault": answer.fault or None}
+def _run_self_test() -> SelfTestResult:
+    (answer,) = run_probes([_SELF_TEST], _SELF_TEST_SECONDS)
+    return SelfTestResult(**{"passed": False, **answer.facts, "fault": answer.fault or None})
 
 
-def _install(found: Found, extras: dict[str, dict[str, str | None]]) -> list[dict[str, Any]]:
-    """Return what is missing: `what`, what it is `for`, and the `lines` that install it, by system or for `any`."""
-    missing: list[dict[str, Any]] = []
-    if not any(answer.works for _, answer in found.opengl):
-        missing.append(
-            {"what": _OPENGL, "for": "to bake by depth maps, which is faster than by rays", "lines": INSTALLS.copy()}
-        )
+def _install_hints(probes: Found, extras: dict[str, dict[str, str | None]]) -> list[InstallHint]:
+    hints = []
+    if not any(answer.works for _, answer in probes.opengl):
+        hints.append(InstallHint(_OPENGL, "to bake by depth maps, which is faster than by rays", INSTALLS.copy()))
     for extra, packages in extras.items():
-        absent = [name for name, version in packages.items() if version is None]
-        if extra == "ray" and not found.rays.works:
-            absent = list(packages)
-        if absent:
+        missing = [name for name, version in packages.items() if version is None]
+        if extra == "ray" and not probes.rays.works:
+            missing = list(packages)
+        if missing:
             line = f"pip install 'aoprecalc[{extra}]'"
-            missing.append({"what": ", ".join(absent), "for": _USES[extra], "lines": {"any": line}})
-    return missing
+            hints.append(InstallHint(", ".join(missing), _USES[extra], {"any": line}))
+    return hints

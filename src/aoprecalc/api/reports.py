@@ -1,160 +1,257 @@
-"""The report of a verification, as one JSON document."""
+"""What jobs report, as frozen dataclasses: each has its JSON document's keys, in their order, as fields.
 
-from dataclasses import asdict
-from pathlib import Path
+Numbers are rounded as the documents show them.
+"""
+
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-import numpy as np
-
 from aoprecalc import __version__
-from aoprecalc.io import OcclusionTexture
 from aoprecalc.io.outputs import SCHEMAS
-from aoprecalc.mesh.topology import topology
-from aoprecalc.metrics.errors import ErrorStatistics, TextureErrors, WorstPoint
-from aoprecalc.options import BakeOptions, VerifyOptions
-from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
-from aoprecalc.uv.gutter import first_unsafe_mip
+from aoprecalc.metrics.errors import TextureErrors
+
+OMIT_NONE = {"omit_none": True}  # metadata of a field that the document lacks where it is None
 
 
-def verify_report(
-    scene: Scene,
-    atlas: Atlas,
-    found: OcclusionTexture,
-    verified: TextureErrors,
-    options: VerifyOptions,
-    places: dict[str, Path],
-    seconds: dict[str, float],
-    warnings: tuple[str, ...],
-) -> dict[str, Any]:
-    """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
-    height, width = found.values.shape
-    return {
-        "schema": SCHEMAS["verify"],
-        "version": __version__,
-        "input": {"path": str(scene.path), "triangles": len(scene.faces)},
-        "texture": {
-            "path": found.name,
-            "width": width,
-            "height": height,
-            "triangles": int(np.count_nonzero(atlas.mapped)),
-            "charts": atlas.charts,
-            "repeats": atlas.repeats,
-        },
-        "outputs": {name: str(path) for name, path in places.items()},
-        "seed": options.seed,
-        "estimator": options.estimator,
-        "two_sided": options.two_sided,
-        **verified_report(verified),
-        "tolerance": options.tolerance,
-        "passed": options.tolerance is None or verified.levels[0].rmse <= options.tolerance,
-        "seconds": seconds,
-        "warnings": list(warnings),
-    }
+@dataclass(frozen=True)
+class Report:
+    """A part of a report, or all of it."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document: dicts, lists, strings, numbers, booleans and None.
+
+        Returns
+        -------
+        dict
+            What the command line writes with ``--report`` or prints with ``--json``.
+        """
+        document = {}
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if value is not None or not entry.metadata.get("omit_none"):
+                document[entry.metadata.get("key", entry.name)] = _plain(value)
+        return document
 
 
-def verified_report(verified: TextureErrors) -> dict[str, Any]:
-    """Return what was measured, for a report of any job."""
-    return {
-        "points": verified.points,
-        "rays": verified.rays,
-        "levels": [_errors(number, errors) for number, errors in enumerate(verified.levels)],
-        "worst": [_place(place) for place in verified.worst],
-    }
+def _plain(value: Any) -> Any:
+    if isinstance(value, Report):
+        return value.to_dict()
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return value
 
 
-def _errors(level: int, errors: ErrorStatistics) -> dict[str, Any]:
-    return {"level": level, **{name: round(value, 6) for name, value in asdict(errors).items()}}
+@dataclass(frozen=True)
+class Document(Report):
+    """A whole report: the schema of its JSON document, and the version of aoprecalc that made it."""
+
+    schema: int = field(kw_only=True)
+    version: str = field(default=__version__, kw_only=True)
 
 
-def _place(place: WorstPoint) -> dict[str, Any]:
-    return {
-        "position": list(place.position),
-        "uv": [round(number, 6) for number in place.uv],
-        "value": round(place.value, 6),
-        "reference": round(place.reference, 6),
-        "error": round(place.error, 6),
-    }
+# Errors against ray tracing.
 
 
-# The report of a bake: what was read, chosen and measured, as one JSON document.
+@dataclass(frozen=True)
+class LevelErrors(Report):
+    """Texture minus reference at one mip level, both ambient occlusion in [0, 1].
+
+    level           0 is full resolution
+    rmse, bias      root mean square, and mean (positive where the texture is too bright)
+    p50, p95, p99   percentiles of the absolute error
+    max             greatest absolute error
+    """
+
+    level: int
+    rmse: float
+    bias: float
+    p50: float
+    p95: float
+    p99: float
+    max: float
 
 
-def bake_report(
-    baked: Baked,
-    options: BakeOptions,
-    places: dict[str, Path],
-    files: list[Path],
-    verified: TextureErrors | None,
-    seconds: dict[str, float],
-    warnings: tuple[str, ...],
-) -> dict[str, Any]:
-    """Return the report; every value is a plain JSON value, and only `seconds` differs between equal runs."""
-    scene, atlas, texture = baked.scene, baked.atlas, baked.texture
-    shape = topology(scene.faces)
-    values = texture.values[texture.valid]
-    return {
-        "schema": SCHEMAS["bake"],
-        "version": __version__,
-        "input": {
-            "path": str(scene.path),
-            "triangles": len(scene.faces),
-            "vertices": len(scene.positions),
-            "components": shape.components,
-            "watertight": shape.watertight,
-        },
-        "parts": [_part(part) for part in scene.parts],
-        "outputs": {**{name: str(path) for name, path in places.items()}, "others": _others(places, files)},
-        "renderer": baked.renderer,
-        "backend": baked.backend,
-        "directions": baked.directions,
-        "estimated_error": None if baked.sampling_error is None else round(baked.sampling_error, 6),
-        "sampling": options.sampling,
-        "estimator": options.estimator,
-        "two_sided": options.two_sided,
-        "floor": scene.ground_normal,
-        "shadow_size": baked.shadow_size,
-        "unwrap": {
-            "method": atlas.method,
-            "uv_set": atlas.uv_set,
-            "checks": [_check(check) for check in atlas.checks],
-            "charts": atlas.charts,
-            "used_share": round(float(np.count_nonzero(texture.valid)) / texture.valid.size, 4),
-            "gutter": atlas.gutter,
-            "first_unsafe_mip": None if atlas.gutter is None else first_unsafe_mip(atlas.gutter, options.padding),
-        },
-        "texels": {"width": options.width, "height": options.height, "valid": int(np.count_nonzero(texture.valid))},
-        "ao": {
-            "mean": round(float(values.mean(dtype=np.float64)), 6),
-            "min": round(float(values.min()), 6),
-            "max": round(float(values.max()), 6),
-            "unseen_share": round(baked.occluded_share, 6),
-        },
-        "verify": None if verified is None else verified_report(verified),
-        "seconds": seconds,
-        "warnings": list(warnings),
-    }
+@dataclass(frozen=True)
+class PointError(Report):
+    """One surface point: position in the mesh's units, UV (v upwards), texture value, reference, their difference."""
+
+    position: tuple[float, float, float]
+    uv: tuple[float, float]
+    value: float
+    reference: float
+    error: float
 
 
-def _others(places: dict[str, Path], files: list[Path]) -> list[str]:
-    """Return the files beside the named places that go with them (.mtl, .bin, images), as they were named."""
-    named = {path.resolve() for path in places.values()}
-    folder = places["mesh"].parent
-    return sorted(str(folder / file.name) for file in files if file not in named)
+@dataclass(frozen=True)
+class RayTracedErrors(Report):
+    """Errors at points uniform on the surface, against rays from each: per mip level, and the worst points."""
+
+    points: int
+    rays: int
+    levels: tuple[LevelErrors, ...]
+    worst: tuple[PointError, ...]
+
+    @classmethod
+    def of(cls, verified: TextureErrors) -> "RayTracedErrors":
+        """Round what was measured."""
+        levels = [
+            LevelErrors(level, **{name: round(value, 6) for name, value in asdict(errors).items()})
+            for level, errors in enumerate(verified.levels)
+        ]
+        worst = [
+            PointError(
+                place.position,
+                (round(place.uv[0], 6), round(place.uv[1], 6)),
+                *(round(number, 6) for number in (place.value, place.reference, place.error)),
+            )
+            for place in verified.worst
+        ]
+        return cls(verified.points, verified.rays, tuple(levels), tuple(worst))
 
 
-def _part(part: Part) -> dict[str, Any]:
-    return {
-        "name": part.name,
-        "triangles": part.stop - part.start,
-        "receives": part.receives,
-        "occludes": part.occludes,
-        "shares": part.uv_owner,
-        "glass": part.material.transparent,
-        "unlit": part.material.unlit,
-        "cut_out": part.material.alpha_mask is not None,
-    }
+# Bake.
 
 
-def _check(check: UvCheck) -> dict[str, Any]:
-    found = asdict(check)
-    return found if check.overlap is None else found | {"overlap": round(check.overlap, 6)}
+@dataclass(frozen=True)
+class InputMesh(Report):
+    """The mesh that was baked; vertices are distinct positions."""
+
+    path: str
+    triangles: int
+    vertices: int
+    components: int
+    watertight: bool
+
+
+@dataclass(frozen=True)
+class PartRoles(Report):
+    """A part of the mesh and its roles; `shares` is the index of the part whose UVs it uses."""
+
+    name: str
+    triangles: int
+    receives: bool
+    occludes: bool
+    shares: int | None
+    glass: bool
+    unlit: bool
+    cut_out: bool
+
+
+@dataclass(frozen=True)
+class BakeOutputs(Report):
+    """Paths of the files; None before they are saved. `others` go with the mesh (.mtl, .bin, images)."""
+
+    texture: str | None = None
+    mesh: str | None = None
+    others: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class UvSetCheck(Report):
+    """Why a UV set of the file can hold a bake (`fault` is empty) or cannot; see `types.UvCheck`."""
+
+    uv_set: int
+    flat_faces: int
+    tiles: int
+    overlap: float | None
+    fault: str
+
+
+@dataclass(frozen=True)
+class Unwrapping(Report):
+    """The texture's UVs.
+
+    method             keep, xatlas or uvunwrap
+    uv_set             index of the set that was kept; None for new UVs
+    used_share         share of the texture's texels that have a value, 0 to 1
+    gutter             texels between charts; None for UVs that were kept
+    first_unsafe_mip   first mip level at which charts may mix; None for UVs that were kept
+    """
+
+    method: str
+    uv_set: int | None
+    checks: tuple[UvSetCheck, ...]
+    charts: int
+    used_share: float
+    gutter: int | None
+    first_unsafe_mip: int | None
+
+
+@dataclass(frozen=True)
+class TexelCounts(Report):
+    """Size of the texture in texels, and how many have a value."""
+
+    width: int
+    height: int
+    valid: int
+
+
+@dataclass(frozen=True)
+class OcclusionStatistics(Report):
+    """Over the texels that have a value: 1 is open. `unseen_share` of them are fully occluded (below 0.01)."""
+
+    mean: float
+    min: float
+    max: float
+    unseen_share: float
+
+
+@dataclass(frozen=True)
+class BakeReport(Document):
+    """What a bake read, chose and measured.
+
+    Attributes
+    ----------
+    input : InputMesh
+        Path (or name), counts, and whether the mesh is watertight.
+    parts : tuple of PartRoles
+    outputs : BakeOutputs
+        Paths of the files, once saved.
+    renderer, backend : str
+        Name of the OpenGL implementation or ray tracer; ``"gl"`` or ``"ray"``.
+    directions : int
+        Light directions used.
+    estimated_error : float or None
+        Estimated RMS sampling error of a texel, in units of ambient occlusion; None up to 128 directions.
+    sampling, estimator, two_sided
+        As in `BakeOptions`.
+    floor : tuple of float or None
+        Unit vector away from the ground plane.
+    shadow_size : int or None
+        Side of the depth maps, in texels; None for rays.
+    unwrap : Unwrapping
+    texels : TexelCounts
+    ao : OcclusionStatistics
+    verify : RayTracedErrors or None
+        Errors against ray tracing, where asked for.
+    seconds : dict of str to float
+        Per stage, and ``"total"``.
+    warnings : tuple of str
+    """
+
+    schema: int = field(default=SCHEMAS["bake"], kw_only=True)
+    input: InputMesh
+    parts: tuple[PartRoles, ...]
+    outputs: BakeOutputs
+    renderer: str
+    backend: str
+    directions: int
+    estimated_error: float | None
+    sampling: str
+    estimator: str
+    two_sided: bool
+    floor: tuple[float, float, float] | None
+    shadow_size: int | None
+    unwrap: Unwrapping
+    texels: TexelCounts
+    ao: OcclusionStatistics
+    verify: RayTracedErrors | None
+    seconds: dict[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def error(self) -> float | None:
+        """Estimated RMS sampling error of a texel; None where too few directions tell it (up to 128)."""
+        return self.estimated_error

@@ -1,100 +1,341 @@
-"""Spheres: from a mesh file to a set of spheres that stands in for it."""
+"""Fit spheres that stand in for a mesh, and measure spheres of any origin: in memory, and from file to file."""
 
+import json
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.api.mesh import MeshLike, as_mesh, numbers
+from aoprecalc.api.reports import OMIT_NONE, Report
+from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.io import Outputs, load_scene, source_files
 from aoprecalc.io.outputs import claim_output, output_path
-from aoprecalc.io.sphere_files import (
-    check_sphere_extension,
-    quality_document,
-    read_spheres,
-    sphere_document,
-    write_sphere_set,
-)
+from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
-from aoprecalc.spheres import Quality, fit_sphere_set, measure_quality
-from aoprecalc.types import SphereSet
+from aoprecalc.spheres import fit_sphere_set, measure_quality
+from aoprecalc.types import Float64Array, Scene, SphereSet
+
+
+@dataclass(frozen=True)
+class SphereQuality(Report):
+    """How well spheres stand in for a mesh.
+
+    Attributes
+    ----------
+    radius_min, radius_mean, radius_max, radius_deviation : float
+        Of the radii, in the mesh's units; the last is their standard deviation.
+    inertia : float
+        Sum over the surface samples of the squared distance to the nearest centre, over the squared diagonal of the
+        mesh's bounding box.
+    surface_error_mean, surface_error_p95, surface_error_max : float
+        Distance of the samples from the surface of the nearest sphere, over the diagonal.
+    coverage : float
+        Share of the samples inside some sphere, 0 to 1.
+    silhouette_iou, silhouette_iou_min : float
+        Intersection over union of the silhouettes of mesh and spheres, 0 to 1: mean and worst of 32 views.
+    leak, spill, area_bias : float or None
+        Mesh silhouette not covered by spheres, sphere silhouette outside the mesh's, and silhouette area of the
+        spheres less the mesh's, all over the area of the mesh's; None for a mesh too thin to cover a pixel.
+    overlap : float
+        Mean number of spheres at a point of their union, at least 1.
+    inside_volume, outside_volume : float or None
+        Volume of the spheres inside and outside a watertight mesh, over its volume; None for other meshes.
+    """
+
+    radius_min: float
+    radius_mean: float
+    radius_max: float
+    radius_deviation: float
+    inertia: float
+    surface_error_mean: float
+    surface_error_p95: float
+    surface_error_max: float
+    coverage: float
+    silhouette_iou: float
+    silhouette_iou_min: float
+    leak: float | None = field(default=None, metadata=OMIT_NONE)
+    spill: float | None = field(default=None, metadata=OMIT_NONE)
+    area_bias: float | None = field(default=None, metadata=OMIT_NONE)
+    overlap: float = 1.0
+    inside_volume: float | None = field(default=None, metadata=OMIT_NONE)
+    outside_volume: float | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, eq=False)
-class SpheresResult:
-    """Where the spheres were written, the spheres, what was measured about them, and all of it as JSON text."""
+class SphereResult:
+    """Spheres that stand in for a mesh.
 
-    path: Path
+    Attributes
+    ----------
+    spheres : SphereSet
+        The spheres and how they were fitted; coarser levels, if asked for, are in `SphereSet.coarser`.
+    quality : SphereQuality
+        How well they stand in for the mesh.
+    centers : ndarray, (n, 3) float64
+        In the mesh's coordinates.
+    radii : ndarray, (n,) float64
+        In the mesh's units, >= 0.
+    """
+
     spheres: SphereSet
-    quality: Quality
-    document: str
+    quality: SphereQuality
+    _scene: Scene = field(repr=False)
+    _name: str = field(repr=False)
 
+    @property
+    def centers(self) -> Float64Array:
+        """Centres in the mesh's coordinates, (n, 3) float64."""
+        return self.spheres.centers
 
-@dataclass(frozen=True, eq=False)
-class MeasureResult:
-    """What was measured about spheres, and the same as JSON text."""
+    @property
+    def radii(self) -> Float64Array:
+        """Radii in the mesh's units, (n,) float64."""
+        return self.spheres.radii
 
-    quality: Quality
-    document: str
+    def __len__(self) -> int:
+        return len(self.spheres)
+
+    def to_json(self) -> str:
+        """Return the JSON text that `save` writes to a .json file."""
+        return sphere_document(self.spheres, self.quality.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the document of `to_json`."""
+        document: dict[str, Any] = json.loads(self.to_json())
+        return document
+
+    def save(self, output: str | PathLike[str]) -> Path:
+        """Write the spheres, as the command line does.
+
+        Parameters
+        ----------
+        output : str or path-like
+            A file, its format by the extension (.json .csv .npz .ply .obj .glb .yml .yaml .urdf .usda), or a folder:
+            one that exists, or a name that ends in a slash, which is made. There it is ``<name>_spheres.json``.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        UsageError
+            If the extension is unknown or cannot hold levels, or a file of the input would be replaced.
+        OutputError
+            If the file cannot be written.
+        """
+        path = _sphere_path(output, self._name, has_levels=self.spheres.coarser is not None)
+        with Outputs() as outputs:
+            outputs.protect(source_files(self._scene))
+            claim_output(outputs, output, path)
+            write_sphere_set(outputs.path(path), self.spheres, self.quality.to_dict(), self._scene)
+        return path
 
 
 def fit_spheres(
+    mesh: MeshLike, options: SphereOptions | None = None, *, progress: Progress | None = None
+) -> SphereResult:
+    """Fit spheres to a mesh, for casting its soft shadows or for collisions.
+
+    The same mesh and options give the same spheres.
+
+    Parameters
+    ----------
+    mesh : Mesh, str, path-like or trimesh.Trimesh
+        A mesh, or the path of a mesh file.
+    options : SphereOptions, optional
+        Number of spheres, method and so on.
+    progress : Progress, optional
+        Receives stages and warnings.
+
+    Returns
+    -------
+    SphereResult
+        Centres, radii and quality.
+
+    Raises
+    ------
+    ArgumentError
+        If `mesh` is no mesh.
+    InputError
+        If the mesh cannot be used, or has too few distinct points.
+    AoprecalcError
+        If no number of spheres reaches `SphereOptions.tolerance`.
+
+    References
+    ----------
+    *Précalcul*, section 1.2: sampling (1.2.1), Lloyd's iteration (algorithm 1.2.1) with the algebraic metric (1.2.2.1,
+    1.2.2.2) or the centre distance (1.2.2.3, 1.2.2.4).
+
+    Examples
+    --------
+    >>> import aoprecalc as ao
+    >>> spheres = ao.fit_spheres("car.glb", ao.SphereOptions(64, method="shadow"))  # doctest: +SKIP
+    >>> spheres.centers.shape, spheres.quality.silhouette_iou  # doctest: +SKIP
+    """
+    options, progress = options or SphereOptions(), progress or Progress()
+    with progress.stage("load"):
+        mesh = as_mesh(mesh)
+    result = _fit(mesh._scene, mesh.name, options, progress)
+    _warn(mesh._scene, progress)
+    return result
+
+
+def measure_spheres(
+    mesh: MeshLike,
+    centers: ArrayLike,
+    radii: ArrayLike,
+    options: SphereOptions | None = None,
+    *,
+    progress: Progress | None = None,
+) -> SphereQuality:
+    """Measure how well spheres, of any origin, stand in for a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh, str, path-like or trimesh.Trimesh
+        A mesh, or the path of a mesh file.
+    centers : array_like, (n, 3)
+        In the mesh's coordinates; at least one.
+    radii : array_like, (n,)
+        In the mesh's units, >= 0.
+    options : SphereOptions, optional
+        Of these only `samples` and `seed` count.
+    progress : Progress, optional
+        Receives stages and warnings.
+
+    Returns
+    -------
+    SphereQuality
+
+    Raises
+    ------
+    ArgumentError
+        If `mesh` is no mesh, or `centers` and `radii` are no spheres.
+    InputError
+        If the mesh cannot be used.
+
+    Examples
+    --------
+    >>> import aoprecalc as ao
+    >>> quality = ao.measure_spheres("car.glb", *ao.load_spheres("car.json"))  # doctest: +SKIP
+    """
+    options, progress = options or SphereOptions(), progress or Progress()
+    points = numbers("centers", centers, ("n", 3))
+    lengths = numbers("radii", radii, (len(points),))
+    if not len(points):
+        raise ArgumentError("centers", "has no rows, at least one sphere was expected")
+    if lengths.min() < 0:
+        raise ArgumentError("radii", f"has the value {lengths.min():g}, numbers >= 0 were expected")
+    with progress.stage("load"):
+        mesh = as_mesh(mesh)
+    quality = _measure(mesh._scene, points, lengths, options, progress)
+    if quality is None:
+        raise ArgumentError("centers", f"are too far from {mesh.name} to be measured; do they belong to it?")
+    return quality
+
+
+def load_spheres(path: str | PathLike[str]) -> tuple[Float64Array, Float64Array]:
+    """Read the centres and radii of a sphere file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A .json, .csv or .npz file.
+
+    Returns
+    -------
+    centers : ndarray, (n, 3) float64
+    radii : ndarray, (n,) float64
+
+    Raises
+    ------
+    InputError
+        If the file is missing or holds no spheres.
+    """
+    return read_spheres(Path(path))
+
+
+# From file to file, as the command line and the batch do it.
+
+
+def fit_spheres_file(
     mesh: str | PathLike[str],
     output: str | PathLike[str] | None = None,
     *,
     outputs: Outputs | None = None,
     options: SphereOptions | None = None,
     progress: Progress | None = None,
-) -> SpheresResult:
-    """Fit spheres to a mesh file and write them.
+) -> tuple[Path, SphereResult]:
+    """Fit spheres to a mesh file and write them; the output is checked before the work.
 
-    output   a file, or a folder (existing, or ending in /); by default <stem>_spheres.json in the current folder
+    output   see `SphereResult.save`; by default <stem>_spheres.json in the current folder
     outputs  receives the file, which the caller then moves to its place; None: it appears at the end
-    Raises InputError, UsageError or OutputError; then no file is left behind.
+    Raises what `fit_spheres` and `SphereResult.save` raise; then no file is left behind.
     """
     options, progress = options or SphereOptions(), progress or Progress()
     mesh = Path(mesh)
-    path = output_path(output, f"{mesh.stem}_spheres.json")
-    check_sphere_extension(path)
-    if options.levels and path.suffix.lower() != ".json":
-        raise UsageError(f"{path}: --levels are kept by .json alone; rename the output, or fit each level by itself")
+    path = _sphere_path(output, mesh.stem, has_levels=bool(options.levels))
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
         claim_output(outputs, output, path)
         with progress.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        spheres, quality = fit_sphere_set(scene, options, progress)
-        write_sphere_set(outputs.path(path), spheres, quality, scene)
-    for line in scene.warnings:
-        progress.warn(line)
-    return SpheresResult(path, spheres, quality, sphere_document(spheres, quality))
+        result = _fit(scene, mesh.stem, options, progress)
+        write_sphere_set(outputs.path(path), result.spheres, result.quality.to_dict(), scene)
+    _warn(scene, progress)
+    return path, result
 
 
-def measure_spheres(
-    mesh: str | PathLike[str],
-    spheres: str | PathLike[str],
-    *,
-    options: SphereOptions | None = None,
-    progress: Progress | None = None,
-) -> MeasureResult:
-    """Measure how well the spheres in a file (.json .csv .npz), of any origin, stand in for a mesh file.
+def measure_sphere_file(
+    mesh: str | PathLike[str], spheres: str | PathLike[str], options: SphereOptions, progress: Progress
+) -> tuple[int, SphereQuality]:
+    """Measure a sphere file against a mesh file; return how many spheres there are, and their quality.
 
-    Of the options only `samples` and `seed` count. Raises InputError where either file cannot be used.
+    Raises InputError where either file cannot be used.
     """
-    options, progress = options or SphereOptions(), progress or Progress()
     centers, radii = read_spheres(Path(spheres))
     with progress.stage("load"):
         scene = load_scene(Path(mesh))
-    with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
-        quality = measure_quality(scene, centers, radii, options, progress)
-    for line in scene.warnings:
-        progress.warn(line)
-    if not np.isfinite(list(quality.values())).all():
+    quality = _measure(scene, centers, radii, options, progress)
+    if quality is None:
         raise InputError(
             f"{spheres}: its spheres are so far from {mesh} that nothing can be measured; do they belong to it?"
         )
-    return MeasureResult(quality, quality_document(len(radii), quality))
+    return len(radii), quality
+
+
+def _fit(scene: Scene, name: str, options: SphereOptions, progress: Progress) -> SphereResult:
+    spheres, quality = fit_sphere_set(scene, options, progress)
+    return SphereResult(spheres, SphereQuality(**quality), scene, name)
+
+
+def _measure(
+    scene: Scene, centers: Float64Array, radii: Float64Array, options: SphereOptions, progress: Progress
+) -> SphereQuality | None:
+    """Return the quality of spheres; None where they are too far from the mesh for finite numbers."""
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers that are not finite are checked below
+        quality = measure_quality(scene, centers, radii, options, progress)
+    _warn(scene, progress)
+    return SphereQuality(**quality) if np.isfinite(list(quality.values())).all() else None
+
+
+def _warn(scene: Scene, progress: Progress) -> None:
+    for line in scene.warnings:
+        progress.warn(line)
+
+
+def _sphere_path(output: str | PathLike[str] | None, stem: str, *, has_levels: bool) -> Path:
+    path = output_path(output, f"{stem}_spheres.json")
+    check_sphere_extension(path)
+    if has_levels and path.suffix.lower() != ".json":
+        raise UsageError(f"{path}: --levels are kept by .json alone; rename the output, or fit each level by itself")
+    return path

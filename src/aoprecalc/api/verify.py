@@ -1,31 +1,24 @@
-"""Verify: how far the ambient occlusion in a texture is from ray tracing, as a renderer would show it."""
+"""Verify: the error of an ambient-occlusion texture against ray tracing, as a renderer would show it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from aoprecalc.api.reports import verify_report
-from aoprecalc.errors import InputError
-from aoprecalc.io import (
-    OcclusionTexture,
-    Outputs,
-    choose_bit_depth,
-    find_occlusion,
-    load_scene,
-    source_files,
-    write_colors,
-)
-from aoprecalc.io.outputs import claim_output, output_path, write_json
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, texture_values
+from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
+from aoprecalc.errors import ArgumentError, InputError
+from aoprecalc.io import OcclusionTexture, Outputs, choose_bit_depth, find_occlusion, source_files, write_colors
+from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
 from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
-from aoprecalc.progress import Progress, Stopwatch
+from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
 from aoprecalc.render.comparison import error_heat_map, heat_map_size
@@ -33,120 +26,268 @@ from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
 
 
-@dataclass(frozen=True, eq=False)
-class VerifyResult:
-    """What was measured, whether it is within the tolerance, and the report (see the README for its keys)."""
+@dataclass(frozen=True)
+class VerifiedMesh(Report):
+    """The mesh whose texture was measured."""
 
-    verified: TextureErrors
+    path: str
+    triangles: int
+
+
+@dataclass(frozen=True)
+class VerifiedTexture(Report):
+    """The texture, and how many triangles and charts it covers; `repeats` where UVs leave [0, 1]."""
+
+    path: str
+    width: int
+    height: int
+    triangles: int
+    charts: int
+    repeats: bool
+
+
+@dataclass(frozen=True)
+class VerifyOutputs(Report):
+    """Paths of the files that were written; None for those that were not asked for."""
+
+    heat_map: str | None = field(default=None, metadata=OMIT_NONE)
+    report: str | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True)
+class VerifyReport(Document):
+    """Error of an ambient-occlusion texture against ray tracing.
+
+    Attributes
+    ----------
+    input : VerifiedMesh
+    texture : VerifiedTexture
+    outputs : VerifyOutputs
+    seed, estimator, two_sided
+        As in `VerifyOptions`.
+    points, rays : int
+        Points on the surface, and rays from each.
+    levels : tuple of LevelErrors
+        Errors per mip level, full resolution first.
+    worst : tuple of PointError
+        The points of greatest error at full resolution, the worst first.
+    tolerance : float or None
+        Greatest RMS error that passes.
+    passed : bool
+        The RMS error at full resolution is at most `tolerance`.
+    seconds : dict of str to float
+        Per stage, and ``"total"``.
+    warnings : tuple of str
+    """
+
+    schema: int = field(default=SCHEMAS["verify"], kw_only=True)
+    input: VerifiedMesh
+    texture: VerifiedTexture
+    outputs: VerifyOutputs
+    seed: int
+    estimator: str
+    two_sided: bool
+    points: int
+    rays: int
+    levels: tuple[LevelErrors, ...]
+    worst: tuple[PointError, ...]
+    tolerance: float | None
     passed: bool
-    report: dict[str, Any]
+    seconds: dict[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def error(self) -> float:
+        """RMS error at full resolution, in units of ambient occlusion."""
+        return self.levels[0].rmse
 
 
 def verify(
-    mesh: str | PathLike[str],
-    texture: str | PathLike[str] | None = None,
+    mesh: MeshLike,
+    texture: str | PathLike[str] | ArrayLike | None = None,
+    options: VerifyOptions | None = None,
     *,
     heat_map: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
-    options: VerifyOptions | None = None,
     progress: Progress | None = None,
-) -> VerifyResult:
-    """Measure the ambient occlusion on a mesh file, of any origin, against ray tracing.
+) -> VerifyReport:
+    """Measure an ambient-occlusion texture, of any origin, against ray tracing; needs the extra ``ray``.
 
-    texture    the picture; by default the one that the mesh file refers to, or <stem>.png beside it
-    heat_map   a picture file for the errors in texture space: blue is too dark, red too bright
-    report     a JSON file for the report
-    A texture beyond the tolerance is an answer, not an error: the files appear. Raises InputError where the mesh or the
-    picture cannot be used, RendererError where rays cannot be cast, UsageError or OutputError; then no file appears.
+    The texture is looked up bilinearly at points uniform on the surface, at full resolution and in its mip levels.
+
+    Parameters
+    ----------
+    mesh : Mesh, str, path-like or trimesh.Trimesh
+        A mesh with UVs, or the path of a mesh file.
+    texture : str, path-like or array_like, optional
+        The path of a picture, or an array (H, W) with row 0 at v = 1: numbers in [0, 1], or unsigned integers over
+        their whole range. By default the mesh's own (see `Mesh.ao`), the picture that its file refers to, or
+        ``<stem>.png`` beside the file.
+    options : VerifyOptions, optional
+        Number of points and rays, the greatest error that passes, and so on.
+    heat_map : str or path-like, optional
+        A picture file (or a folder) for the errors in texture space: blue is too dark, red too bright.
+    report : str or path-like, optional
+        A JSON file (or a folder) for the report.
+    progress : Progress, optional
+        Receives stages and warnings.
+
+    Returns
+    -------
+    VerifyReport
+        An error beyond `VerifyOptions.tolerance` is an answer (`passed` is False); the files are written.
+
+    Raises
+    ------
+    ArgumentError
+        If `mesh` is no mesh, or `texture` no texture.
+    InputError
+        If the mesh or the picture cannot be used.
+    RendererError
+        If rays cannot be cast.
+    UsageError, OutputError
+        If a file cannot be written; then none is.
+
+    References
+    ----------
+    The value is that of *Précalcul*, equation 1.1.1.1; the rays are stratified and cosine-weighted.
     """
     options, progress = options or VerifyOptions(), progress or Progress()
-    mesh = Path(mesh)
-    watch = Stopwatch(progress)
-    wanted = {"heat_map": (heat_map, f"{mesh.stem}_heat_map.png"), "report": (report, f"{mesh.stem}_verify.json")}
-    places = {name: output_path(path, default) for name, (path, default) in wanted.items() if path is not None}
-    if "heat_map" in places:
-        choose_bit_depth(places["heat_map"], "8")
+    name = Path(mesh).stem if isinstance(mesh, str | PathLike) else getattr(mesh, "name", "mesh")
+    timer = StageTimer(progress)
+    wanted = {"heat_map": (heat_map, f"{name}_heat_map.png"), "report": (report, f"{name}_verify.json")}
+    paths = {key: output_path(output, default) for key, (output, default) in wanted.items() if output is not None}
+    if "heat_map" in paths:
+        choose_bit_depth(paths["heat_map"], "8")
     with Outputs() as outputs:
-        with watch.stage("load"):
-            scene = assign_roles(load_scene(mesh), options)
-            found = find_occlusion(scene, None if texture is None else Path(texture))
-        outputs.protect([*source_files(scene), *([] if found.path is None else [found.path])])
-        for name, place in places.items():
-            claim_output(outputs, wanted[name][0], place)
-        atlas, left_out = _atlas(scene, found)
+        with timer.stage("load"):
+            mesh = as_mesh(mesh)
+            scene = assign_roles(mesh._scene, options)
+            picture = _read_texture(mesh, scene, texture)
+        outputs.protect([*source_files(scene), *([] if picture.path is None else [picture.path])])
+        for key, path in paths.items():
+            claim_output(outputs, wanted[key][0], path)
+        atlas, left_out = _atlas(scene, picture)
         normals = shading_normals(scene, options.normals, options.crease_angle)
-        with watch.stage("rays", options.points, "points"):
-            verified = verify_scene(scene, atlas, normals, found.values, options, progress)
-        if "heat_map" in places:
-            with watch.stage("heat map"):
-                _write_heat_map(outputs.path(places["heat_map"]), scene, atlas, found, verified)
-        warnings = (*scene.warnings, *found.warnings, *left_out, *_about_rays(options), *about_sharing(scene))
-        document = verify_report(scene, atlas, found, verified, options, places, watch.seconds(), warnings)
-        if "report" in places:
-            write_json(outputs.path(places["report"]), document)
-    for line in warnings:
+        with timer.stage("rays", options.points, "points"):
+            verified = measure_texture(scene, atlas, normals, picture.values, options, progress)
+        if "heat_map" in paths:
+            with timer.stage("heat map"):
+                _write_heat_map(outputs.path(paths["heat_map"]), scene, atlas, picture, verified)
+        document = _report(scene, atlas, picture, verified, options)
+        document = replace(
+            document,
+            outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),
+            seconds=timer.seconds(),
+            warnings=(
+                *scene.warnings,
+                *picture.warnings,
+                *left_out,
+                *_warn_of_rays(options),
+                *warn_of_shared_uvs(scene),
+            ),
+        )
+        if "report" in paths:
+            write_json(outputs.path(paths["report"]), document.to_dict())
+    for line in document.warnings:
         progress.warn(line)
-    return VerifyResult(verified, document["passed"], document)
+    return document
 
 
-def verify_scene(
-    scene: Scene, atlas: Atlas, normals: Float32Array, picture: Float32Array, options: VerifyOptions, progress: Progress
+def measure_texture(
+    scene: Scene, atlas: Atlas, normals: Float32Array, texture: Float32Array, options: VerifyOptions, progress: Progress
 ) -> TextureErrors:
-    """Measure a picture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
+    """Measure a texture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
     scene     with the roles of its parts; see `assign_roles`
-    atlas     how the picture lies on the scene; the faces that it covers are measured, some of them have area
+    atlas     UVs of the texture; the faces that it maps are measured, some of them have area
     normals   (f, 3, 3) float32: the shading normals at the corners
     Raises RendererError where rays cannot be cast.
     """
     points = sample_surface(scene, atlas.mapped, options.points, options.seed)
-    truth = reference_ao(scene, normals, points, options, progress)
-    places, at = points.interpolate(atlas.uvs), points.interpolate(scene.corners)
-    values = bilinear(picture, places, repeats=atlas.repeats)
+    expected = reference_ao(scene, normals, points, options, progress)
+    uvs, positions = points.interpolate(atlas.uvs), points.interpolate(scene.corners)
+    values = bilinear(texture, uvs, repeats=atlas.repeats)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))
     return TextureErrors(
-        levels=errors_per_mip_level(picture, places, truth, repeats=atlas.repeats),
-        worst=worst_points(at, places, values, truth, diagonal),
+        levels=errors_per_mip_level(texture, uvs, expected, repeats=atlas.repeats),
+        worst=worst_points(positions, uvs, values, expected, diagonal),
         rays=stratified_ray_count(options.rays),
-        uvs=places,
-        errors=values - truth,
+        uvs=uvs,
+        errors=values - expected,
     )
 
 
-def _atlas(scene: Scene, found: OcclusionTexture) -> tuple[Atlas, list[str]]:
-    """Return the UVs with the faces that they place in the picture, and what the user should know about the others.
+def _read_texture(mesh: Mesh, scene: Scene, texture: str | PathLike[str] | ArrayLike | None) -> OcclusionTexture:
+    """Return the texture to measure with its UVs."""
+    if isinstance(texture, str | PathLike):
+        return find_occlusion(scene, Path(texture))
+    if texture is not None or mesh.ao is not None:
+        return find_occlusion(scene, mesh.ao if texture is None else texture_values("texture", texture))
+    if not scene.format:
+        raise ArgumentError("texture", "is None and the mesh is not from a file; expected an array or a path")
+    return find_occlusion(scene)
 
-    A face whose corners share one UV has no place: it stands for UVs that are missing.
+
+def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, list[str]]:
+    """Return the UVs with the faces that they map, and warnings about the others.
+
+    A face whose corners share one UV is not mapped: files without UVs for some faces have (0, 0) there.
     """
     has_area = face_normals(scene.corners)[1]
-    placed = np.isfinite(found.uvs).all(axis=(1, 2)) & (found.uvs != found.uvs[:, :1]).any(axis=(1, 2))
-    mapped = found.shown & scene.receives & has_area & placed
+    has_uvs = np.isfinite(picture.uvs).all(axis=(1, 2)) & (picture.uvs != picture.uvs[:, :1]).any(axis=(1, 2))
+    mapped = picture.shown & scene.receives & has_area & has_uvs
     if not mapped.any():
         raise InputError(
-            f"{scene.path}: none of its {len(scene.faces)} faces has area and a place in {found.name}; "
+            f"{scene.path}: none of its {len(scene.faces)} faces has area and UVs in {picture.name}; "
             "bake it, or export it with UVs"
         )
-    homeless = np.count_nonzero(found.shown & scene.receives & has_area & ~placed)
-    said = [f"{homeless} of {len(scene.faces)} faces have no place in the texture and are left out"] if homeless else []
-    return atlas_from_uvs(scene, found.uvs, mapped), said
+    without = np.count_nonzero(picture.shown & scene.receives & has_area & ~has_uvs)
+    warnings = [f"{without} of {len(scene.faces)} faces have no UVs in the texture and are left out"] if without else []
+    return atlas_from_uvs(scene, picture.uvs, mapped), warnings
 
 
-def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, found: OcclusionTexture, verified: TextureErrors) -> None:
-    height, width = found.values.shape
+def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, picture: OcclusionTexture, verified: TextureErrors) -> None:
+    height, width = picture.values.shape
     texels = CPURasterizer(build_layout(scene, atlas, *heat_map_size(width, height))).coverage()
     write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=atlas.repeats))
 
 
-def about_sharing(scene: Scene) -> tuple[str, ...]:
-    """Say where the error holds more than a bake can do anything about: instances with one place in the texture."""
+def warn_of_shared_uvs(scene: Scene) -> tuple[str, ...]:
+    """Warn that instances share UVs: the differences between them count as error, which no texture can avoid."""
     sharing = sum(part.receives and part.instance_of is not None for part in scene.parts)
     if not sharing:
         return ()
-    return (f"{sharing} parts share their places in the texture with others; that these see different things is error",)
+    return (f"{sharing} parts share their UVs with others: differences in occlusion between them count as error",)
 
 
-def _about_rays(options: VerifyOptions) -> list[str]:
+def _warn_of_rays(options: VerifyOptions) -> list[str]:
     rays = stratified_ray_count(options.rays)
     if rays == options.rays:
         return []
-    return [f"{rays} rays a point were cast, as they stand in a square grid; {options.rays} were asked for"]
+    return [f"{rays} rays per point were cast instead of {options.rays}: their number is a square"]
+
+
+def _report(
+    scene: Scene, atlas: Atlas, picture: OcclusionTexture, verified: TextureErrors, options: VerifyOptions
+) -> VerifyReport:
+    """Return the report without outputs, seconds and warnings."""
+    height, width = picture.values.shape
+    errors = RayTracedErrors.of(verified)
+    mapped = int(np.count_nonzero(atlas.mapped))
+    return VerifyReport(
+        input=VerifiedMesh(str(scene.path), len(scene.faces)),
+        texture=VerifiedTexture(picture.name, width, height, mapped, atlas.charts, repeats=atlas.repeats),
+        outputs=VerifyOutputs(),
+        seed=options.seed,
+        estimator=options.estimator,
+        two_sided=options.two_sided,
+        points=errors.points,
+        rays=errors.rays,
+        levels=errors.levels,
+        worst=errors.worst,
+        tolerance=options.tolerance,
+        passed=options.tolerance is None or verified.levels[0].rmse <= options.tolerance,
+        seconds={},
+        warnings=(),
+    )

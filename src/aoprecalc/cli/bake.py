@@ -41,25 +41,24 @@ def bake(mesh: str, **given: Any) -> None:
 
     Writes the texture and the mesh that it belongs to.
     """
-    from aoprecalc.api.bake import bake
+    from aoprecalc.api.bake import bake_file
     from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    places = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify")}
+    outputs = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify")}
     as_json = given.pop("as_json")
     options = take(BakeOptions, given)
-    result = bake(mesh, **places, options=options, progress=console)
+    result = bake_file(mesh, **outputs, options=options, progress=console)
+    files, report = result.files, result.report
     if as_json:
-        click.echo(json_text(result.report), nl=False)
+        click.echo(json_text(report.to_dict()), nl=False)
         return
-    report = result.report
-    ao, texels = report["ao"], report["texels"]
-    size_text = f"{texels['width']} x {texels['height']}"
-    click.echo(f"{result.texture_path}  {size_text}, mean {ao['mean']:.3f}, {report['directions']} directions")
-    if options.target_error is not None and report["estimated_error"] is not None:
-        click.echo(f"estimated sampling error {report['estimated_error']:.4f}")
-    if report["verify"]:
-        error = report["verify"]["levels"][0]
-        click.echo(f"as rendered, against ray tracing: RMS error {error['rmse']:.4f}, 99% within {error['p99']:.4f}")
-    others = "".join(f" + {name}" for name in report["outputs"]["others"])
-    click.echo(f"{result.mesh_path}{others}  {report['input']['triangles']} triangles")
+    texture_size = f"{report.texels.width} x {report.texels.height}"
+    click.echo(f"{files.texture}  {texture_size}, mean {report.ao.mean:.3f}, {report.directions} directions")
+    if options.target_error is not None and report.estimated_error is not None:
+        click.echo(f"estimated sampling error {report.estimated_error:.4f}")
+    if report.verify is not None:
+        error = report.verify.levels[0]
+        click.echo(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
+    others = "".join(f" + {name}" for name in report.outputs.others)
+    click.echo(f"{files.mesh}{others}  {report.input.triangles} triangles")

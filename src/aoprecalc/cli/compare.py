@@ -1,6 +1,6 @@
 """`aoprecalc compare`."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -8,6 +8,9 @@ from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError
 from aoprecalc.options import CompareOptions
+
+if TYPE_CHECKING:
+    from aoprecalc.api.compare import CompareReport
 
 _MEANINGS = {
     "texture": "root mean square of B - A",
@@ -40,37 +43,36 @@ def compare(a: str, b: str, **given: Any) -> None:
     from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    places = {name: given.pop(name) for name in ("picture", "report")}
+    outputs = {name: given.pop(name) for name in ("picture", "report")}
     as_json = given.pop("as_json")
-    options = take(CompareOptions, given)
-    result = compare(a, b, **places, options=options, progress=console)
-    click.echo(json_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
-    if not result.passed:
+    report = compare(a, b, take(CompareOptions, given), **outputs, progress=console)
+    click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
+    if not report.passed:
         raise AnswerError(
-            f"{b}: differs from {a}: {_found(result.report)}; find out why, or keep it in place of {a} if it is right"
+            f"{b}: differs from {a}: {_describe(report)}; find out why, or keep it in place of {a} if it is right"
         )
 
 
-def _found(report: dict[str, Any]) -> str:
-    if report["difference"] is None:
-        return str(report["reason"])
-    return f"{report['difference']:.5g} was found, at most {report['tolerance']:g} was allowed"
+def _describe(report: "CompareReport") -> str:
+    if report.difference is None:
+        return report.reason
+    return f"{report.difference:.5g} was found, at most {report.tolerance:g} was allowed"
 
 
-def _table(report: dict[str, Any]) -> list[str]:
+def _table(report: "CompareReport") -> list[str]:
     """Lay out the answer, the difference, and what else was measured, in a few lines."""
-    details = report["details"]
-    lines = [f"{report['answer']}: {report['a']} and {report['b']}"]
-    if report["difference"] is None:
-        lines.append(str(report["reason"]))
+    details = report.details
+    lines = [f"{report.answer}: {report.a} and {report.b}"]
+    if report.difference is None:
+        lines.append(report.reason)
     else:
-        meaning = _MEANINGS[report["kind"]]
-        lines.append(f"difference {report['difference']:.6f} ({meaning}), at most {report['tolerance']:g} is allowed")
+        meaning = _MEANINGS[report.kind]
+        lines.append(f"difference {report.difference:.6f} ({meaning}), at most {report.tolerance:g} is allowed")
     if "triangles" in details:
         parts = [(name, details[name]) for name in ("position", "uv", "normal")]
         found = ", ".join(f"{name} {value:.6f}" for name, value in parts if value is not None)
         lines.append(f"{details['triangles']} triangles: {found}")
-    pixels = details if report["kind"] == "texture" else details.get("texture")
+    pixels = details if report.kind == "texture" else details.get("texture")
     if pixels:
         lines.append(
             f"{pixels['width']} x {pixels['height']} pixels: root mean square {pixels['rms']:.6f}, "

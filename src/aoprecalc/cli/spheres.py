@@ -34,32 +34,31 @@ def spheres(mesh: str, **given: Any) -> None:
 
     Writes them in the mesh's own coordinates, in the format of the output's extension.
     """
-    from aoprecalc.api.spheres import fit_spheres, measure_spheres
+    from aoprecalc.api.spheres import fit_spheres_file, measure_sphere_file
+    from aoprecalc.io.sphere_files import quality_document
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
     output, as_json, measured = given.pop("output"), given.pop("as_json"), given.pop("measure")
     if measured is not None:
         _refuse_others(set(given) - {"samples", "seed"} | {"output"})
         options = SphereOptions(1, samples=given["samples"], seed=given["seed"])
-        found_quality = measure_spheres(mesh, measured, options=options, progress=console)
-        click.echo(found_quality.document if as_json else _table(found_quality.quality), nl=False)
+        count, quality = measure_sphere_file(mesh, measured, options, console)
+        figures = quality.to_dict()
+        click.echo(quality_document(count, figures) if as_json else _table(figures), nl=False)
         return
-    options = take(SphereOptions, given)
-    result = fit_spheres(mesh, output, options=options, progress=console)
+    path, result = fit_spheres_file(mesh, output, options=take(SphereOptions, given), progress=console)
     if as_json:
-        click.echo(result.document, nl=False)
+        click.echo(result.to_json(), nl=False)
         return
-    found = result.spheres
-    state = "converged" if found.converged else "not converged"
-    way = f"{state} after {found.iterations} iterations"
-    if found.radius_rule == "own":
-        way = f"after {found.iterations} steps"
-    count = f"{len(found)} sphere{'s' if len(found) > 1 else ''}"
-    click.echo(f"{result.path}  {count}, {way}")
-    quality = result.quality
-    parts = f", {quality['leak']:.3f} missing, {quality['spill']:.3f} beside" if "leak" in quality else ""
-    error = quality["surface_error_mean"]
-    click.echo(f"silhouettes {quality['silhouette_iou']:.3f} alike{parts}; surface error {error:.4f} of the diagonal")
+    fitted, quality = result.spheres, result.quality
+    state = "converged" if fitted.converged else "not converged"
+    effort = f"{state} after {fitted.iterations} iterations"
+    if fitted.radius_rule == "own":
+        effort = f"after {fitted.iterations} steps"
+    click.echo(f"{path}  {len(fitted)} sphere{'s' if len(fitted) > 1 else ''}, {effort}")
+    parts = "" if quality.leak is None else f", {quality.leak:.3f} missing, {quality.spill:.3f} beside"
+    error = f"surface error {quality.surface_error_mean:.4f} of the diagonal"
+    click.echo(f"silhouettes {quality.silhouette_iou:.3f} alike{parts}; {error}")
 
 
 def _refuse_others(names: set[str]) -> None:

@@ -1,6 +1,6 @@
 """`aoprecalc verify`."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -8,6 +8,9 @@ from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError
 from aoprecalc.options import VerifyOptions
+
+if TYPE_CHECKING:
+    from aoprecalc.api.verify import VerifyReport
 
 
 @click.command(cls=Command, short_help="Measure an ambient-occlusion texture against ray tracing.")
@@ -39,34 +42,33 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    places = {name: given.pop(name) for name in ("heat_map", "report")}
+    outputs = {name: given.pop(name) for name in ("heat_map", "report")}
     as_json = given.pop("as_json")
     options = take(VerifyOptions, given)
-    result = verify(mesh, texture, **places, options=options, progress=console)
-    click.echo(json_text(result.report) if as_json else "\n".join(_table(result.report)), nl=not as_json)
-    if not result.passed:
+    report = verify(mesh, texture, options, **outputs, progress=console)
+    click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
+    if not report.passed:
         raise AnswerError(
-            f"{result.report['texture']['path']}: its RMS error is {result.verified.levels[0].rmse:.5f}, "
-            f"at most {options.tolerance:g} was allowed; bake it again, or verify it with the "
-            "--normals, --estimator and --two-sided that it was baked with"
+            f"{report.texture.path}: its RMS error is {report.error:.5f}, at most {options.tolerance:g} was "
+            "allowed; bake it again, or verify it with the --normals, --estimator and --two-sided of its bake"
         )
 
 
-def _table(report: dict[str, Any]) -> list[str]:
-    """Lay out what was measured: a line for each mip level, and one for each of the worst places."""
+def _table(report: "VerifyReport") -> list[str]:
+    """Lay out what was measured: a line for each mip level, and one for each of the worst points."""
     names = ("rmse", "bias", "p50", "p95", "p99", "max")
     lines = [
-        f"{report['texture']['path']} on {report['input']['path']}: texture minus reference "
-        f"at {report['points']} points of {report['rays']} rays",
+        f"{report.texture.path} on {report.input.path}: texture minus reference "
+        f"at {report.points} points of {report.rays} rays",
         f"level{''.join(f'{name:>9}' for name in names)}",
     ]
-    for level in report["levels"]:
-        numbers = "".join(f"{level[name]:{'+' if name == 'bias' else ''}9.4f}" for name in names)
-        lines.append(f"{level['level']:5}{numbers}")
-    if report["worst"]:
+    for level in report.levels:
+        numbers = "".join(f"{getattr(level, name):{'+' if name == 'bias' else ''}9.4f}" for name in names)
+        lines.append(f"{level.level:5}{numbers}")
+    if report.worst:
         lines.append("worst at  " + f"{'position':<36}{'UV':<18}{'texture':>8}{'reference':>11}")
-    for place in report["worst"]:
-        position = " ".join(f"{number:11.5g}" for number in place["position"])
-        u, v = place["uv"]
-        lines.append(f"{'':8}{position}  {u:7.4f} {v:7.4f}  {place['value']:8.3f}{place['reference']:11.3f}")
+    for point in report.worst:
+        position = " ".join(f"{number:11.5g}" for number in point.position)
+        u, v = point.uv
+        lines.append(f"{'':8}{position}  {u:7.4f} {v:7.4f}  {point.value:8.3f}{point.reference:11.3f}")
     return lines

@@ -217,8 +217,10 @@ class OcclusionTexture:
     warnings: tuple[str, ...]
 
 
-def find_occlusion(scene: Scene, texture: Path | None = None) -> OcclusionTexture:
+def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> OcclusionTexture:
     """Return the ambient occlusion of a scene: the file `texture` where it is given, else what the mesh refers to.
+
+    texture   a file, or values (h, w) in [0, 1], which all faces show
 
     That is the occlusionTexture of glTF, map_Ka or map_Kd of an OBJ's materials, and the TextureFile of a PLY; without
     any of them, `<stem>.png` beside the mesh. Where materials have different textures, the result is the first, or the
@@ -229,11 +231,15 @@ def find_occlusion(scene: Scene, texture: Path | None = None) -> OcclusionTextur
     parts = [_scene_format(scene).occlusion_of(scene, part) for part in scene.parts]
     if all(part.uvs is None for part in parts):
         raise NoOcclusionError(f"{scene.path}: has no UVs, which a texture needs; bake it, or export it with UVs")
+    sizes = [part.stop - part.start for part in scene.parts]
+    uvs = np.concatenate(
+        [np.full((n, 3, 2), np.nan) if part.uvs is None else part.uvs for n, part in zip(sizes, parts, strict=True)]
+    )
+    if isinstance(texture, np.ndarray):
+        return OcclusionTexture("texture", None, texture, uvs, np.ones(len(uvs), bool), ())
     images = list(dict.fromkeys(part.image for part in parts if part.image is not None))
     chosen = _choose(scene.path, images, texture)
-    sizes = [part.stop - part.start for part in scene.parts]
     shown = np.repeat([chosen not in images or part.image == chosen for part in parts], sizes)
-    uvs = [np.full((n, 3, 2), np.nan) if part.uvs is None else part.uvs for n, part in zip(sizes, parts, strict=True)]
 
     warnings = dict.fromkeys(part.note for part in parts if part.note and part.image == chosen)
     if not shown.all():
@@ -243,7 +249,7 @@ def find_occlusion(scene: Scene, texture: Path | None = None) -> OcclusionTextur
     values = chosen.first_channel()
     if not np.isfinite(values).all():
         raise InputError(f"{chosen.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    return OcclusionTexture(chosen.name, chosen.path, values, np.concatenate(uvs), shown, tuple(warnings))
+    return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, tuple(warnings))
 
 
 def _choose(mesh: Path, images: Sequence[ImageSource], texture: Path | None) -> ImageSource:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from aoprecalc.api.bake import bake
-from aoprecalc.api.spheres import fit_spheres
+from aoprecalc.api.bake import bake_file
+from aoprecalc.api.reports import BakeOutputs, BakeReport
+from aoprecalc.api.spheres import fit_spheres_file
 from aoprecalc.errors import AoprecalcError, KilledError
 from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_json
@@ -218,7 +219,7 @@ def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> S
     job.staging.mkdir(parents=True, exist_ok=True)
     with Outputs(job.staging) as outputs:
         if spec.bake is not None:
-            baked = bake(
+            baked = bake_file(
                 job.mesh,
                 folder / f"{job.stem}_ao{spec.texture_suffix}",
                 mesh_output=folder / f"{job.stem}_ao{spec.mesh_suffix}" if spec.mesh_suffix else None,
@@ -229,11 +230,11 @@ def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> S
                 options=spec.bake,
                 progress=heard,
             )
-            report = _relative(job, baked.report)
-            write_json(outputs.path(folder / f"{job.stem}_report.json"), report)
-            summary |= _of_bake(report)
+            report = _with_relative_paths(job, baked.report)
+            write_json(outputs.path(folder / f"{job.stem}_report.json"), report.to_dict())
+            summary |= _summarise(report)
         if spec.spheres is not None:
-            fitted = fit_spheres(
+            _, fitted = fit_spheres_file(
                 job.mesh,
                 folder / f"{job.stem}_spheres{spec.spheres_suffix}",
                 outputs=outputs,
@@ -241,36 +242,38 @@ def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> S
                 progress=heard,
             )
             summary |= {
-                "spheres": len(fitted.spheres),
-                "silhouette_iou": round(fitted.quality["silhouette_iou"], 4),
+                "spheres": len(fitted),
+                "silhouette_iou": round(fitted.quality.silhouette_iou, 4),
             }
         files = {place.name: written for place, written in outputs.release().items()}
     lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
     return Success(files, {**summary, "warnings": lines})
 
 
-def _relative(job: Job, report: dict[str, Any]) -> dict[str, Any]:
-    """Return a report that names all files as they lie beside it: it is the same wherever it was made."""
-    outputs = report["outputs"]
-    named = {key: Path(place).name for key, place in outputs.items() if key != "others"}
-    return {
-        **report,
-        "input": {**report["input"], "path": Path(os.path.relpath(job.mesh, job.folder)).as_posix()},
-        "outputs": {**named, "others": [Path(other).name for other in outputs["others"]]},
-        "warnings": [_called(job.mesh.name, job, line) for line in report["warnings"]],
-    }
+def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
+    """Return a report with paths relative to its own folder: it is the same wherever it was made."""
+    outputs = report.outputs
+    return replace(
+        report,
+        input=replace(report.input, path=Path(os.path.relpath(job.mesh, job.folder)).as_posix()),
+        outputs=BakeOutputs(
+            texture=Path(outputs.texture or "").name,
+            mesh=Path(outputs.mesh or "").name,
+            others=tuple(Path(other).name for other in outputs.others),
+        ),
+        warnings=tuple(_called(job.mesh.name, job, line) for line in report.warnings),
+    )
 
 
-def _of_bake(report: dict[str, Any]) -> dict[str, Any]:
-    levels = report["verify"]["levels"] if report["verify"] else [{"rmse": None}]
+def _summarise(report: BakeReport) -> dict[str, Any]:
     return {
-        "triangles": report["input"]["triangles"],
-        "ao_mean": report["ao"]["mean"],
-        "directions": report["directions"],
-        "size": [report["texels"]["width"], report["texels"]["height"]],
-        "renderer": report["renderer"],
-        "unwrap": report["unwrap"]["method"],
-        "rmse": levels[0]["rmse"],
+        "triangles": report.input.triangles,
+        "ao_mean": report.ao.mean,
+        "directions": report.directions,
+        "size": [report.texels.width, report.texels.height],
+        "renderer": report.renderer,
+        "unwrap": report.unwrap.method,
+        "rmse": None if report.verify is None else report.verify.levels[0].rmse,
     }
 
 

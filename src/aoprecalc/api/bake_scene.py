@@ -1,0 +1,285 @@
+"""The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and a report."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from aoprecalc.api.reports import (
+    BakeOutputs,
+    BakeReport,
+    InputMesh,
+    OcclusionStatistics,
+    PartRoles,
+    RayTracedErrors,
+    TexelCounts,
+    Unwrapping,
+    UvSetCheck,
+)
+from aoprecalc.errors import InputError, UsageError
+from aoprecalc.mesh.normals import area_vectors, geometric_normals, shading_normals
+from aoprecalc.mesh.roles import assign_roles
+from aoprecalc.mesh.topology import topology
+from aoprecalc.metrics.errors import TextureErrors
+from aoprecalc.options import BakeOptions
+from aoprecalc.progress import Progress, StageTimer
+from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
+from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
+from aoprecalc.uv.gutter import first_unsafe_mip
+from aoprecalc.uv.select import MAX_OVERLAP, choose_atlas
+from aoprecalc.uv.unwrap import needs_uvs
+from aoprecalc.visibility.backend import open_backend
+from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
+from aoprecalc.visibility.projection import auto_shadow_size
+from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
+
+_OCCLUDED = 0.01  # a texel below counts as fully occluded: depth maps let a little light through at silhouettes
+_MAX_OCCLUDED_SHARE = 0.01  # of the texels, above which a warning says so
+_MAX_NAMES = 5  # of parts in one warning
+
+
+def bake_scene(
+    scene: Scene,
+    options: BakeOptions,
+    progress: Progress | None = None,
+    timer: StageTimer | None = None,
+    make_visibility: VisibilityFactory = LocalVisibility,
+) -> Baked:
+    """Bake a scene in memory (Précalcul, section 1.1).
+
+    timer             receives the seconds of each stage
+    make_visibility   makes the source of the visibility sums of one side; by default this process computes them
+    Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
+    beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
+    direction, RendererError where there is no renderer.
+    """
+    progress = progress or Progress()
+    timer = timer or StageTimer(progress)
+    scene = assign_roles(scene, options, share=options.instances == "share")
+    normals = shading_normals(scene, options.normals, options.crease_angle)
+    with open_backend(options, progress) as backend:
+        backend.check_size(options)
+        with timer.stage("unwrap"):
+            atlas = choose_atlas(backend.rasterizer, scene, options, progress)
+        progress.note(_describe_uvs(atlas, options.padding))
+        setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
+        texels = setup.texels
+        size = f"{options.width} x {options.height}"
+        if not len(texels):
+            raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
+        overlap = setup.overlap()
+        shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
+        chunk_size = texels_per_chunk(
+            options.memory_limit,
+            size,
+            options.width * options.height,
+            len(texels),
+            maps=8 * shadow_size**2,
+            triangles=len(setup.sides[0].surface.occluders),
+        )
+        passes = sum(len(chunks(len(side.texels), chunk_size)) for side in setup.sides)
+        unit = "directions" if passes == len(setup.sides) else f"directions, {passes} times to save memory"
+        with timer.stage("visibility", passes * 2 * len(setup.axes), unit):
+            sides = [
+                _gather_side(setup, side, make_visibility, shadow_size, chunk_size, progress) for side in setup.sides
+            ]
+        backend.check_errors()
+    if not any(side.measured.any() for side in sides):
+        raise UsageError(
+            f"{len(texels)} texels are covered but face none of {2 * len(setup.axes)} directions; use more --directions"
+        )
+    with timer.stage("finish"):
+        paintings = [resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in sides]
+        texture = pad_and_fill(
+            lighter_of_sides(paintings[0], paintings[-1]), options.padding, options.fill, repeats=atlas.repeats
+        )
+    baked = Baked(
+        scene=scene,
+        texture=texture,
+        atlas=atlas,
+        normals=normals,
+        directions=max(side.directions for side in sides),
+        sampling_error=max((side.error for side in sides if side.error is not None), default=None),
+        occluded_share=_occluded_share(sides, options.width * options.height),
+        backend=backend.kind,
+        renderer=backend.name,
+        shadow_size=shadow_size if backend.kind == "gl" else None,
+    )
+    return replace(baked, warnings=_warnings(baked, options, overlap))
+
+
+def _gather_side(
+    setup: BakeSetup,
+    side: SurfaceSide,
+    make_visibility: VisibilityFactory,
+    shadow_size: int,
+    chunk_size: int,
+    progress: Progress,
+) -> TexelOcclusion:
+    visibility = make_visibility(setup, side, shadow_size, chunk_size, progress)  # freed before the next side's is made
+    return gather(setup, side, visibility, chunk_size)
+
+
+def _occluded_share(sides: list[TexelOcclusion], texel_count: int) -> float:
+    """Return the share of the texels with a value, of `texel_count` in the texture, that are occluded on all sides."""
+    measured, lit = np.zeros(texel_count, bool), np.zeros(texel_count, bool)
+    for side in sides:
+        measured[side.texels.index[side.measured]] = True
+        lit[side.texels.index[side.measured & (side.values >= _OCCLUDED)]] = True
+    return float(1 - lit[measured].mean())
+
+
+def _describe_uvs(atlas: Atlas, padding: int) -> str:
+    charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
+    if atlas.method == "keep":
+        return f"unwrap: the file's own UVs, {charts}"
+    last_safe = first_unsafe_mip(atlas.gutter or 0, padding) - 1
+    gutters = f"gutters of {atlas.gutter} texels: no charts mix up to mip level {last_safe}"
+    return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"
+
+
+# Warnings: what the user should know about the texture.
+
+
+def _warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, ...]:
+    """Return one line for each warning; `overlap` is the share of texels whose centre lies inside two faces."""
+    scene, atlas, lines = baked.scene, baked.atlas, _warn_of_materials(baked.scene)
+    if baked.directions - 1 == options.directions:
+        lines.append(f"{baked.directions} directions were used instead of {options.directions}, as they come in pairs")
+    lines += _warn_of_error(baked, options)
+    if overlap > MAX_OVERLAP:
+        lines.append(f"{overlap:.1%} of texels lie inside two faces of the new UVs and have the value of one of them")
+    left_out = np.count_nonzero(needs_uvs(scene) & ~atlas.mapped)
+    if left_out:
+        lines.append(f"{atlas.method} gave {left_out} of {len(scene.faces)} faces no UVs; they have no texels")
+    if (
+        atlas.gutter is not None
+        and atlas.gutter < options.padding
+        and first_unsafe_mip(atlas.gutter, options.padding) == 1
+    ):
+        lines.append(
+            f"{atlas.charts} charts leave room for gutters of {atlas.gutter} texels only: charts may mix from mip "
+            "level 1 on. Use a larger --size for wider gutters."
+        )
+    return (*lines, *_warn_of_occluded(baked, options))
+
+
+def _warn_of_materials(scene: Scene) -> list[str]:
+    transparent = [part.name for part in scene.parts if part.material.transparent and not part.occludes]
+    unlit = [part.name for part in scene.parts if part.material.unlit]
+    lines = []
+    if transparent:
+        lines.append(f"{_list(transparent)} transparent: baked, but not occluding; see --glass-occludes")
+    if unlit:
+        lines.append(f"{_list(unlit)} unlit: not baked")
+    return lines
+
+
+def _list(parts: list[str]) -> str:
+    names = ", ".join(repr(name) for name in parts[:_MAX_NAMES])
+    more = f" and {len(parts) - _MAX_NAMES} more" if len(parts) > _MAX_NAMES else ""
+    return f"{len(parts)} part{'s' if len(parts) > 1 else ''} ({names}{more}) {'are' if len(parts) > 1 else 'is'}"
+
+
+def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
+    error, target = baked.sampling_error, options.target_error
+    if target is None or (error is not None and error <= target):
+        return []
+    if error is None:
+        return ["the sampling error cannot be estimated from 128 directions or fewer; use more --directions"]
+    return [
+        f"the estimated sampling error is {error:.4f} after {baked.directions} directions, more than the target of "
+        f"{target:g}; use more --directions"
+    ]
+
+
+def _warn_of_occluded(baked: Baked, options: BakeOptions) -> list[str]:
+    if not options.two_sided and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
+        return ["the surface is closed and its faces point inwards: its inside was baked; flip them or use --two-sided"]
+    if baked.occluded_share < _MAX_OCCLUDED_SHARE:
+        return []
+    why = "inside or touching other geometry"
+    if not options.two_sided:
+        why += ", or facing inwards"
+    if baked.scene.ground_normal is not None:
+        why = f"facing the ground, {why}"
+    advice = "" if options.two_sided else " If the mesh is a thin sheet, try --two-sided."
+    return [f"{baked.occluded_share:.1%} of texels are fully occluded ({why}).{advice}"]
+
+
+def _signed_volume(baked: Baked) -> float:
+    """Return three times the volume that a closed surface encloses, negative where its faces point inwards."""
+    scene = baked.scene
+    corners = scene.corners - scene.positions.mean(axis=0)
+    areas = np.linalg.norm(area_vectors(corners), axis=1) / 2
+    return float(np.einsum("fx,fx,f->", corners[:, 0], geometric_normals(scene, baked.normals), areas))
+
+
+# The report.
+
+
+def bake_report(
+    baked: Baked,
+    options: BakeOptions,
+    outputs: BakeOutputs,
+    verified: TextureErrors | None,
+    seconds: dict[str, float],
+    warnings: tuple[str, ...],
+) -> BakeReport:
+    """Return the report of a bake; only `seconds` differs between equal runs."""
+    scene, atlas, texture = baked.scene, baked.atlas, baked.texture
+    mesh = topology(scene.faces)
+    values = texture.values[texture.valid]
+    valid = int(np.count_nonzero(texture.valid))
+    return BakeReport(
+        input=InputMesh(
+            str(scene.path), len(scene.faces), len(scene.positions), mesh.components, watertight=mesh.watertight
+        ),
+        parts=tuple(_part_roles(part) for part in scene.parts),
+        outputs=outputs,
+        renderer=baked.renderer,
+        backend=baked.backend,
+        directions=baked.directions,
+        estimated_error=None if baked.sampling_error is None else round(baked.sampling_error, 6),
+        sampling=options.sampling,
+        estimator=options.estimator,
+        two_sided=options.two_sided,
+        floor=scene.ground_normal,
+        shadow_size=baked.shadow_size,
+        unwrap=Unwrapping(
+            method=atlas.method,
+            uv_set=atlas.uv_set,
+            checks=tuple(_uv_set_check(check) for check in atlas.checks),
+            charts=atlas.charts,
+            used_share=round(valid / texture.valid.size, 4),
+            gutter=atlas.gutter,
+            first_unsafe_mip=None if atlas.gutter is None else first_unsafe_mip(atlas.gutter, options.padding),
+        ),
+        texels=TexelCounts(options.width, options.height, valid),
+        ao=OcclusionStatistics(
+            mean=round(float(values.mean(dtype=np.float64)), 6),
+            min=round(float(values.min()), 6),
+            max=round(float(values.max()), 6),
+            unseen_share=round(baked.occluded_share, 6),
+        ),
+        verify=None if verified is None else RayTracedErrors.of(verified),
+        seconds=seconds,
+        warnings=warnings,
+    )
+
+
+def _part_roles(part: Part) -> PartRoles:
+    return PartRoles(
+        name=part.name,
+        triangles=part.stop - part.start,
+        receives=part.receives,
+        occludes=part.occludes,
+        shares=part.uv_owner,
+        glass=part.material.transparent,
+        unlit=part.material.unlit,
+        cut_out=part.material.alpha_mask is not None,
+    )
+
+
+def _uv_set_check(check: UvCheck) -> UvSetCheck:
+    overlap = None if check.overlap is None else round(check.overlap, 6)
+    return UvSetCheck(check.uv_set, check.flat_faces, check.tiles, overlap, check.fault)

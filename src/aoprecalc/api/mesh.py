@@ -1,0 +1,330 @@
+"""Meshes from arrays, files and trimesh, and back to trimesh."""
+
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aoprecalc.errors import AoprecalcError, ArgumentError
+from aoprecalc.io import load_scene, scene_from_arrays
+from aoprecalc.mesh.topology import corners_to_vertices
+from aoprecalc.types import Float32Array, Float64Array, Int32Array, Scene
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
+MeshLike = Union["Mesh", "Trimesh", str, PathLike[str]]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Mesh:
+    """A triangle mesh, checked; its arrays are read-only.
+
+    V is the number of vertices, F of faces. Vertices at equal positions are treated as one, as in every file that is
+    read: a triangle soup bakes like the welded mesh.
+
+    Parameters
+    ----------
+    vertices : array_like, (V, 3)
+        Positions: finite, in any unit.
+    faces : array_like of int, (F, 3)
+        Vertex indices, counter-clockwise seen from the front. At least one face has an area.
+    normals : array_like, optional
+        Shading normals of any length, per vertex (V, 3) or per face corner (F, 3, 3). Without any, a bake makes its
+        own, see `BakeOptions.normals`.
+    uvs : array_like, optional
+        UVs with v upwards, per vertex (V, 2) or per face corner (F, 3, 2). A bake keeps them if they can hold a
+        texture, see `BakeOptions.unwrap`.
+    name : str
+        Stem of the names of the files that are saved.
+
+    Attributes
+    ----------
+    vertices : ndarray, (V, 3) float64
+    faces : ndarray, (F, 3) int32
+    normals : ndarray, (F, 3, 3) float32, or None
+        Unit length.
+    uvs : ndarray, (F, 3, 2) float64, or None
+        Of a file with several UV sets, the first.
+    name : str
+    ao : ndarray, (H, W) float32, or None
+        Ambient occlusion in [0, 1], row 0 at v = 1, of a mesh that `bake` returned; its UVs are `uvs`.
+
+    Raises
+    ------
+    ArgumentError
+        If an array has the wrong shape or type, is not finite, or a face refers to a vertex that does not exist.
+    InputError
+        If no face has an area.
+
+    Examples
+    --------
+    >>> import aoprecalc as ao
+    >>> mesh = ao.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> mesh.faces.shape
+    (1, 3)
+    """
+
+    vertices: Float64Array
+    faces: Int32Array
+    normals: Float32Array | None
+    uvs: Float64Array | None
+    name: str
+    ao: Float32Array | None
+    _scene: Scene = field(repr=False)
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        normals: ArrayLike | None = None,
+        uvs: ArrayLike | None = None,
+        name: str = "mesh",
+    ) -> None:
+        """Check the arrays and copy them."""
+        if not isinstance(name, str) or not re.fullmatch(r"[^/\\\0]+", name):
+            raise ArgumentError("name", f"is {name!r}, a file name without slashes was expected")
+        points = numbers("vertices", vertices, ("V", 3))
+        triangles = indices("faces", faces, ("F", 3), len(points))
+        sizes = len(points), (len(triangles), 3)
+        scene = scene_from_arrays(
+            points,
+            triangles,
+            normals=None if normals is None else _per_corner("normals", normals, 3, sizes),
+            uvs=None if uvs is None else _per_corner("uvs", uvs, 2, sizes),
+            name=name,
+        )
+        self._set(scene, points, triangles, name)
+
+    @classmethod
+    def _of(cls, scene: Scene, vertices: Float64Array, faces: Int32Array, name: str, ao: Float32Array | None) -> "Mesh":
+        mesh = cls.__new__(cls)
+        mesh._set(scene, vertices, faces, name, ao)
+        return mesh
+
+    def _set(
+        self, scene: Scene, vertices: Float64Array, faces: Int32Array, name: str, ao: Float32Array | None = None
+    ) -> None:
+        arrays: dict[str, NDArray[Any] | None]
+        arrays = {"vertices": vertices, "faces": faces, "normals": scene.normals, "uvs": scene.uvs, "ao": ao}
+        for attribute, array in arrays.items():
+            object.__setattr__(self, attribute, None if array is None else _read_only(array))
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "_scene", scene)
+
+    def __repr__(self) -> str:
+        """Name and size."""
+        return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
+
+    @classmethod
+    def from_trimesh(cls, mesh: "Trimesh", *, normals: bool = False, name: str = "mesh") -> "Mesh":
+        """Take a `trimesh.Trimesh` with the UVs of its `TextureVisuals`.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            A mesh, with or without UVs.
+        normals : bool
+            Take `mesh.vertex_normals` too. By default a bake makes its own, as trimesh computes normals where a file
+            has none and does not tell the two apart.
+        name : str
+            Stem of the names of the files that are saved.
+
+        Returns
+        -------
+        Mesh
+
+        Raises
+        ------
+        ArgumentError, InputError
+            As from `Mesh`.
+        """
+        if not _is_trimesh(mesh):
+            hint = "; use scene.to_mesh()" if type(mesh).__name__ == "Scene" else ""
+            raise ArgumentError("mesh", f"is {describe_type(mesh)}, a trimesh.Trimesh was expected{hint}")
+        uvs = getattr(mesh.visual, "uv", None)
+        vertex_normals = mesh.vertex_normals if normals else None
+        return cls(mesh.vertices, mesh.faces, normals=vertex_normals, uvs=uvs, name=name)
+
+    def to_trimesh(self, ao: ArrayLike | None = None) -> "Trimesh":
+        """Return a `trimesh.Trimesh` with the UVs, the normals and the ambient occlusion as its picture.
+
+        Faces keep their order. Vertices are split where UVs or normals differ, as trimesh has one of each per vertex.
+
+        Parameters
+        ----------
+        ao : array_like, (H, W), optional
+            Texture values in [0, 1], row 0 at v = 1. By default the mesh's own, see `Mesh.ao`. In the picture they are
+            rounded to 8 bits.
+
+        Returns
+        -------
+        trimesh.Trimesh
+            Its `visual` is a `trimesh.visual.TextureVisuals` if the mesh has UVs.
+
+        Raises
+        ------
+        ArgumentError
+            If `ao` is no texture, or the mesh has no UVs for it.
+        AoprecalcError
+            If Pillow, which makes the picture, is not installed.
+        """
+        import trimesh
+
+        values = self.ao if ao is None else texture_values("ao", ao)
+        if ao is not None and self.uvs is None:
+            raise ArgumentError("ao", "needs UVs, which the mesh lacks; give `Mesh` some, or use the mesh of a bake")
+        corners = [values for values in (self.normals, self.uvs) if values is not None]
+        if not corners:
+            return trimesh.Trimesh(self.vertices, self.faces, process=False)
+        split = corners_to_vertices(self.faces, *corners)
+        visual = None
+        if self.uvs is not None:
+            uv = self.uvs.reshape(-1, 2)[split.corner]
+            image = None if values is None else _picture(values)
+            visual = trimesh.visual.TextureVisuals(uv=uv, image=image)  # type: ignore[no-untyped-call]
+        return trimesh.Trimesh(
+            self.vertices[self.faces.reshape(-1)[split.corner]],
+            split.triangles,
+            vertex_normals=None if self.normals is None else self.normals.reshape(-1, 3)[split.corner],
+            visual=visual,
+            process=False,
+        )
+
+
+def load(path: str | PathLike[str]) -> Mesh:
+    """Read a mesh file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        An .obj, .ply, .stl, .off, .gltf or .glb file; see the README for what is read of each.
+
+    Returns
+    -------
+    Mesh
+        With everything else that the file holds, so that `BakeResult.save` can give it back.
+
+    Raises
+    ------
+    UsageError
+        If the extension is unknown.
+    InputError
+        If the file is missing, damaged, or has no face with an area.
+    """
+    if not isinstance(path, str | PathLike):
+        raise ArgumentError("path", f"is {describe_type(path)}, the path of a mesh file was expected")
+    scene = load_scene(path)
+    return Mesh._of(scene, scene.positions, scene.faces, scene.path.stem, None)
+
+
+def as_mesh(mesh: MeshLike) -> Mesh:
+    """Return what a job takes for a mesh as one; raises ArgumentError where it is none, and what `load` raises."""
+    if isinstance(mesh, Mesh):
+        return mesh
+    if isinstance(mesh, str | PathLike):
+        return load(mesh)
+    if _is_trimesh(mesh):
+        return Mesh.from_trimesh(mesh)
+    raise ArgumentError("mesh", f"is {describe_type(mesh)}, a Mesh, a path or a trimesh.Trimesh was expected")
+
+
+def baked_mesh(mesh: Mesh, scene: Scene, uvs: Float64Array, normals: Float32Array, ao: Float32Array) -> Mesh:
+    """Return the mesh of a bake: with the texture, its UVs and the normals that were used, without the file's rest.
+
+    scene   of the mesh, with the roles of its parts
+    """
+    plain = replace(scene, format="", uv_sets=(uvs,), normals=normals, document=None, warnings=(), ground_normal=None)
+    return Mesh._of(plain, mesh.vertices, mesh.faces, mesh.name, ao)
+
+
+# Checks of arguments; each error begins with the argument's name.
+
+Shape = tuple[str | int, ...]  # letters stand for any size
+
+
+def numbers(argument: str, values: ArrayLike, *shapes: Shape) -> Float64Array:
+    """Return finite real numbers of one of the shapes as a new float64 array; raises ArgumentError for others."""
+    array = _array(argument, values, shapes)
+    if array.dtype.kind not in "iuf" and array.size:
+        raise ArgumentError(argument, f"has the dtype {array.dtype}, real numbers were expected")
+    with np.errstate(over="ignore"):
+        result: Float64Array = array.astype(np.float64)
+    if not np.isfinite(result).all():
+        first = tuple(np.argwhere(~np.isfinite(result))[0].tolist())
+        raise ArgumentError(argument, f"is {result[first]} at {list(first)}, finite numbers were expected")
+    return result
+
+
+def indices(argument: str, values: ArrayLike, shape: Shape, count: int) -> Int32Array:
+    """Return indices below `count` as a new int32 array; raises ArgumentError for others."""
+    array = _array(argument, values, (shape,))
+    if array.dtype.kind not in "iu":
+        raise ArgumentError(argument, f"has the dtype {array.dtype}, integers were expected")
+    wrong = array[(array < 0) | (array >= count)]
+    if wrong.size:
+        raise ArgumentError(argument, f"refers to vertex {wrong[0]}, indices from 0 to {count - 1} were expected")
+    return array.astype(np.int32)
+
+
+def texture_values(argument: str, values: ArrayLike) -> Float32Array:
+    """Return a texture in [0, 1], (h, w) float32, from numbers, or from unsigned integers over their whole range."""
+    array = numbers(argument, values, ("H", "W"), ("H", "W", 1))
+    if not array.size:
+        raise ArgumentError(argument, f"has the shape {array.shape}, at least one texel was expected")
+    dtype = np.asarray(values).dtype
+    if dtype.kind == "u":
+        array /= np.iinfo(dtype).max
+    if array.min() < 0 or array.max() > 1:
+        low, high = array.min(), array.max()
+        raise ArgumentError(argument, f"has values from {low:g} to {high:g}, 0 to 1 were expected; divide them")
+    return array.reshape(array.shape[:2]).astype(np.float32)
+
+
+def _array(argument: str, values: ArrayLike, shapes: Sequence[Shape]) -> NDArray[Any]:
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(argument, f"is no array of numbers ({error}), one was expected") from error
+    for shape in shapes:
+        same = (isinstance(size, str) or size == found for size, found in zip(shape, array.shape, strict=False))
+        if len(shape) == array.ndim and all(same):
+            return array
+    expected = " or ".join(f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})" for shape in shapes)
+    raise ArgumentError(argument, f"has the shape {array.shape}, {expected} was expected")
+
+
+def _per_corner(argument: str, values: ArrayLike, width: int, sizes: tuple[int, tuple[int, int]]) -> Float64Array:
+    vertices, (faces, corners) = sizes
+    return numbers(argument, values, (vertices, width), (faces, corners, width))
+
+
+def describe_type(value: object) -> str:
+    """Return the name of a value's type with its article, for messages."""
+    name = type(value).__name__
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
+
+
+def _is_trimesh(mesh: object) -> bool:
+    module = sys.modules.get("trimesh")  # not imported here: that takes half a second
+    return module is not None and isinstance(mesh, module.Trimesh)
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _picture(values: Float32Array) -> Any:
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise AoprecalcError("to_trimesh needs Pillow for the picture; run `pip install pillow`") from error
+    return Image.fromarray(np.floor(255 * values + 0.5).astype(np.uint8))
