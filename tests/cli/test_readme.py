@@ -5,12 +5,11 @@ from pathlib import Path
 
 import click
 import pytest
+from scripts.option_tables import with_tables
 
 from aoprecalc.cli import main
-from aoprecalc.options import BakeOptions, CompareOptions, SphereOptions, VerifyOptions
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-DEFAULTS = {"bake": BakeOptions(), "spheres": SphereOptions(), "verify": VerifyOptions(), "compare": CompareOptions()}
 
 
 def section(command):
@@ -22,6 +21,13 @@ def parameters(command):
     """Its options, and those of the commands that it is a group of."""
     commands = [main.commands[command], *getattr(main.commands[command], "commands", {}).values()]
     return [entry for one in commands for entry in one.params if isinstance(entry, click.Option)]
+
+
+def test_the_tables_of_options_are_those_of_the_program():
+    assert with_tables(README) == README, "run python scripts/option_tables.py"
+    assert re.findall(r"<!-- options of (\w+)", README) == list(
+        dict.fromkeys(re.findall(r"^## `aoprecalc (\w+)", README, re.M))
+    )
 
 
 @pytest.mark.parametrize("command", main.commands)

@@ -77,7 +77,7 @@ class _BatchCommand(Command):
     more="A folder gets `batch.xml`.",
 )
 @option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="Results to share between batches.")
-@option("--no-cache", is_flag=True, group="Cache", help="Use no cache.")
+@option("--no-cache", is_flag=True, group="Cache", help="Neither use a cache nor add to one.")
 @options_of(BatchOptions)
 @output_options
 def batch(

@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import OptionField, Quantity, option_fields
+from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
 
 # Headings of `--help`, in their order; what has none of them comes last.
 GROUPS = (
@@ -147,7 +147,7 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         *filter(None, (about.short, name)),
         field.name,
         help=_with_option_names(kind, " ".join(filter(None, (about.help, repeated)))),
-        more=_with_option_names(kind, about.more),
+        more=_with_option_names(kind, details(field)),
         group=about.group,
         **given | {"shown": _with_option_names(kind, given.get("shown", ""))},
     )

@@ -27,6 +27,7 @@ from aoprecalc.options import SphereOptions
     metavar="FILE",
     group="Spheres",
     help="Fit nothing: measure the spheres in FILE (.json .csv .npz) against MESH.",
+    more="They may come from any program.",
 )
 @output_options
 def spheres(mesh: str, **given: Any) -> None:

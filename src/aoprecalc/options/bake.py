@@ -21,7 +21,7 @@ Up = Literal["auto", "x", "y", "z"]
 LARGE_MESH = 30_000
 
 _MAX_SIZE = 32768
-_NAMES = "A name may contain * and ?."
+_NAMES = "A name may contain `*` and `?`."
 
 EstimatorField = Annotated[
     Estimator,
@@ -68,14 +68,14 @@ class LightOptions(Validated):
 
     only: Annotated[
         tuple[str, ...],
-        Option("Bake only the parts of this name; the others still occlude.", more=_NAMES, group="Scene"),
+        Option("Parts that are baked; the others still occlude.", more=_NAMES, group="Scene"),
     ] = ()
     exclude: Annotated[
         tuple[str, ...],
-        Option("Leave out the parts of this name: they neither receive nor occlude.", more=_NAMES, group="Scene"),
+        Option("Parts to leave out: they neither receive nor occlude.", more=_NAMES, group="Scene"),
     ] = ()
     occluders_only: Annotated[
-        tuple[str, ...], Option("Parts of this name occlude but are not baked.", more=_NAMES, group="Scene")
+        tuple[str, ...], Option("Parts that occlude but are not baked.", more=_NAMES, group="Scene")
     ] = ()
     glass_occludes: Annotated[
         bool,
@@ -88,7 +88,7 @@ class LightOptions(Validated):
     two_sided: Annotated[
         bool,
         Option(
-            "Bake both sides of every face and keep the lighter value.",
+            "Take the lighter value of the two sides of every face.",
             more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.",
             group="Scene",
         ),
@@ -152,7 +152,7 @@ class BakeOptions(_TextureSize, LightOptions):
         int | None,
         Option(
             "Side of a depth map.",
-            more="auto (None): 512 to 2048, so that its texels are somewhat smaller than the texture's on the surface, "
+            more="auto: 512 to 2048, so that its texels are somewhat smaller than the texture's on the surface, "
             "larger with fewer than 1000 directions.",
             group="Visibility",
             range=(16, 8192),

@@ -249,12 +249,16 @@ def documented(kind: OptionsClass) -> OptionsClass:
 
 def description(field: OptionField) -> str:
     """Return the whole text about an option: its help, what the documentation adds, its range."""
-    option = field.option
-    parts = [option.help, option.more]
-    if option.range is not None and field.kind != "integers":
+    return " ".join(filter(None, (field.option.help, details(field))))
+
+
+def details(field: OptionField) -> str:
+    """Return what the documentation of an option adds to its help: `more`, and the range."""
+    option, bounds = field.option, ""
+    if option.range is not None and option.quantity is not BYTES:
         low, high = option.range
-        parts.append(f"Above {low}, at most {high:,}." if option.above_min else f"From {low:,} to {high:,}.")
-    return " ".join(filter(None, parts))
+        bounds = f"Above {low}, at most {high:,}." if option.above_min else f"From {low:,} to {high:,}."
+    return " ".join(filter(None, (option.more, bounds)))
 
 
 def _type_text(field: OptionField) -> str:

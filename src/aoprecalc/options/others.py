@@ -20,7 +20,7 @@ class SphereOptions(Validated):
 
     spheres: Annotated[
         int,
-        Option("Number of spheres.", short="-n", group="Spheres", range=(1, 1_000_000)),
+        Option("Number of spheres; exactly as many are fitted.", short="-n", group="Spheres", range=(1, 1_000_000)),
     ] = 100
     samples: Annotated[
         int,
@@ -46,7 +46,7 @@ class SphereOptions(Validated):
     init: Annotated[
         Init,
         Option(
-            "Start at the first samples, or at samples that are far apart.",
+            "Start at the first samples, or at samples that are far apart (kmeans++).",
             more="For lloyd and algebraic.",
             group="Spheres",
         ),
@@ -65,6 +65,7 @@ class SphereOptions(Validated):
         Option(
             "Cluster means (lloyd), least squares (algebraic), best silhouettes (shadow), or spheres that contain the "
             "whole surface (collision).",
+            more="For soft shadows shadow is the best; lloyd and algebraic are the source's.",
             group="Spheres",
         ),
     ] = "lloyd"
