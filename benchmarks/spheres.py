@@ -40,7 +40,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.spheres.lloyd import lloyd
 from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.sampling import NormalizedFrame, sample_surface
+from aoprecalc.spheres.sampling import NormalizedFrame, sample_points
 from aoprecalc.types import Scene
 
 Row = dict[str, object]
@@ -179,7 +179,7 @@ def kmeans(scene: Scene) -> Row:
         raise PeerMissing(f"scikit-learn: {error}") from error
     options = SphereOptions(spheres=USUAL)
     frame = NormalizedFrame.from_positions(scene.positions)
-    points = sample_surface(scene, frame, options.samples, USUAL, np.random.default_rng(options.seed))
+    points = sample_points(scene, frame, options.samples, USUAL, np.random.default_rng(options.seed))
     start, most = points[:USUAL], options.max_iterations
     theirs_at = KMeans(USUAL, init=start, n_init=1, tol=0, max_iter=most, algorithm="lloyd")
     seconds = []
@@ -211,7 +211,7 @@ def scaled(scene: Scene, scale: float) -> Row:
 def collision(scene: Scene) -> Row:
     """See what share of fresh samples the spheres hold, and what they spill, beside Lloyd's with radius cover."""
     frame = NormalizedFrame.from_positions(scene.positions)
-    fresh = sample_surface(scene, frame, FRESH, 1, np.random.default_rng(FRESH_SEED))
+    fresh = sample_points(scene, frame, FRESH, 1, np.random.default_rng(FRESH_SEED))
     row: Row = {"spheres": USUAL}
     for prefix, options in (
         ("", SphereOptions(spheres=USUAL, method="collision")),

@@ -7,7 +7,7 @@ import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set
-from aoprecalc.spheres.collision import _grown, subdivide
+from aoprecalc.spheres.collision import _containing_radii, subdivide
 from aoprecalc.spheres.metrics import signed_distances
 from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 
@@ -58,7 +58,7 @@ def test_a_closed_mesh_is_held_and_spheres_protrude_far_less_than_clusters_do(na
     found, quality = fitted(scene, count)
     low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
     grid = VoxelGrid.from_box(low, high, 48)  # the points that are held by design, and
-    inside = grid.points(inside_mesh(scene.positions, scene.faces, grid))
+    inside = grid.centers(inside_mesh(scene.positions, scene.faces, grid))
     assert len(inside) > 5000
     assert beyond(inside, found) < 1e-9
     assert quality["inside_volume"] > 0.9999  # those of another grid
@@ -79,13 +79,13 @@ def test_whatever_spheres_there_are_they_grow_until_they_hold_all(count, seed):
     centers, radii = random.uniform(-1, 1, (count, 3)), random.uniform(0.01, 0.3, count)
     if count == 200:
         centers[: count - 1] /= np.abs(centers[: count - 1]).max(axis=1, keepdims=True)
-    surface_only = _grown(small, inside[:0], centers, radii)
+    surface_only = _containing_radii(small, inside[:0], centers, radii)
     away = np.linalg.norm(small[:, :, None] - centers, axis=3) - surface_only
     assert (away.max(axis=1).min(axis=1) < 1e-11).all()  # all corners of a piece are in one sphere, and so is it
     assert count < 200 or signed_distances(inside, centers, surface_only).max() > 0.1
-    grown = _grown(small, inside, centers, radii)
-    assert (grown >= surface_only).all()
-    assert signed_distances(inside, centers, grown).max() < 1e-11
+    contained = _containing_radii(small, inside, centers, radii)
+    assert (contained >= surface_only).all()
+    assert signed_distances(inside, centers, contained).max() < 1e-11
 
 
 @pytest.mark.slow

@@ -1,6 +1,6 @@
-"""Spheres that stand in for a surface (section 1.2 of *Précalcul*, and beyond it): sample, fit, measure.
+"""Sphere sets that approximate a surface (*Précalcul*, section 1.2, and more methods): sample, fit, measure.
 
-NumPy and SciPy only.
+NumPy and SciPy only, no files and no OpenGL.
 """
 
 from aoprecalc.spheres.fit import fit_sphere_set, measure_quality

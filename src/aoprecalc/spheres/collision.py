@@ -1,159 +1,164 @@
-"""A surface in pieces so small that spheres can hold each of them whole."""
+"""Method collision: spheres that contain the whole surface, and the inside of a closed mesh, and protrude little.
+
+The spheres of method shadow are the start. The same descent continues, with an additional pull on the nearest sphere
+from each point outside all spheres, until hardly any is left outside. Then each small triangle of the subdivided
+surface is assigned to its nearest sphere, and every sphere grows until it contains the corners of its triangles. Balls
+are convex, so they contain the triangles, and together every point of the surface rather than samples of it.
+"""
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.fitted import SphereFit
-from aoprecalc.spheres.sampling import NormalizedFrame
+from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit
 from aoprecalc.spheres.shadow import VIEWS_PER_STEP, SilhouetteTarget, fit_shadow
-from aoprecalc.spheres.silhouette_descent import SilhouetteDescent
+from aoprecalc.spheres.silhouettes import SilhouetteDescent
 from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 from aoprecalc.types import Float64Array, Int64Array, Scene
 
+# Chosen on bunny, bigguy, ogre and fruit fly.
+_STEPS = 300
+_FINAL_PULL = 4.0  # of a point, relative to its share of the silhouettes' area
+_POINTS_PER_STEP = 4000
+_PULL_MARGIN, _MAX_PULL = 0.3, 3.0  # pixels: depth inside a sphere from which a point pulls, and the cap of its pull
+_MAX_EDGE = 0.03  # longest edge of a triangle of the subdivided surface, normalised
+_VOXEL_RESOLUTION = 48  # along the longest side of the grid whose points inside the mesh must be contained
+_BRUTE_FORCE_UP_TO = 256  # spheres; for 100, brute force takes a fifth of the time of a k-d tree
+_NEIGHBOURS = 16  # nearest centres tried in a k-d tree
+_MAX_RELOCATIONS = 8  # times that spheres without triangles are moved
+_CHUNK_VALUES = 1 << 16  # distances computed at once: they stay in cache, and BLAS starts no threads for so few
+_RADIUS_ROUNDING = 1e-12  # normalised; added to radii so that rounding leaves no corner outside
 
-def subdivide(corners: Float64Array, longest: float) -> Float64Array:
-    """Halve the longest side of triangles, (f, 3, 3), until none is longer than `longest` > 0; returns (m, 3, 3).
 
-    The pieces cover the triangles exactly, but for the rounding of the middles of sides.
+def fit_collision(
+    scene: Scene,
+    frame: NormalizedFrame,
+    points: Float64Array,
+    count: int,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> SphereFit:
+    """Fit `count` spheres that contain the surface of a scene, up to the rounding of coordinates.
+
+    points   (s, 3) float64: samples of the surface in normalised coordinates
+    The inside of a watertight mesh is contained at the points of a grid, 48 along the longest side of its box.
+    """
+    target = SilhouetteTarget.from_scene(scene, frame)
+    initial = fit_shadow(scene, frame, target, points, count, rng, progress)
+    triangles = subdivide(frame.to_normalized(scene.corners), _MAX_EDGE)
+    inside = _points_inside(scene, frame)
+    required = np.concatenate([triangles.reshape(-1, 3), inside])
+    descent = SilhouetteDescent(initial.centers, initial.radii, target.masks, target.views, VIEWS_PER_STEP)
+    for step in range(_STEPS):
+        elapsed = step / _STEPS
+        pulling = required[rng.integers(len(required), size=_POINTS_PER_STEP)]
+        strength = _FINAL_PULL * (0.1 + 3 * elapsed) * target.masks.sum() / len(target.views) / _POINTS_PER_STEP
+        gradient = _pull_gradient(pulling, descent.centers, descent.radii, target.views.pixels_per_unit, strength)
+        descent.step(0.5 * (1 - elapsed) + 0.03, gradient)
+        progress.advance()
+    centers, radii = _relocate_unused(triangles, descent.centers, descent.radii)
+    radii = _containing_radii(triangles, inside, centers, radii)
+    return SphereFit(centers, radii, initial.iterations + _STEPS, converged=True)
+
+
+def subdivide(corners: Float64Array, max_edge: float) -> Float64Array:
+    """Bisect the longest edge of triangles, (f, 3, 3), until none exceeds `max_edge` > 0; returns (m, 3, 3).
+
+    The result covers the triangles exactly, except for the rounding of edge midpoints.
     """
     small = []
     while len(corners):
         lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        small.append(corners[lengths.max(axis=1) <= longest])
-        large = lengths.max(axis=1) > longest
-        first = lengths[large].argmax(axis=1)[:, None] + np.arange(
-            3
-        )  # the longest side runs from the first to the second
-        a, b, c = np.take_along_axis(corners[large], first[..., None] % 3, axis=1).transpose(1, 0, 2)
+        small.append(corners[lengths.max(axis=1) <= max_edge])
+        large = lengths.max(axis=1) > max_edge
+        order = lengths[large].argmax(axis=1)[:, None] + np.arange(3)  # puts the longest edge first: a to b
+        a, b, c = np.take_along_axis(corners[large], order[..., None] % 3, axis=1).transpose(1, 0, 2)
         middle = (a + b) / 2
-        corners = np.concatenate([np.stack(of, axis=1) for of in ((a, middle, c), (middle, b, c))])
+        corners = np.concatenate([np.stack(halves, axis=1) for halves in ((a, middle, c), (middle, b, c))])
     return np.concatenate(small)
 
 
-# Spheres that hold the whole surface, and the inside of a closed mesh, while they protrude little.
-#
-# They begin as those of `shadow`. The same descent goes on, with a pull on the nearest sphere from each point that none
-# holds, until hardly any is left outside. Then each piece of the surface is given to its nearest sphere, and every
-# sphere grows until it holds its pieces' corners: as balls are convex it holds the pieces, and so together the spheres
-# hold every point of the surface, not of samples alone.
-
-# Chosen on bunny, bigguy, ogre and fruit fly.
-_STEPS = 300
-_PULL = 4.0  # in the end, of a point against the silhouettes' share of it
-_DRAWN = 4000  # points that pull in a step
-# Pixels: how far inside a sphere a point still pulls, and how far outside its pull stops growing.
-_SLACK, _STRONGEST = 0.3, 3.0
-_PIECE = 0.03  # longest side of a piece, in the frame
-_CUBES = 48  # along the longest side of the grid whose points inside the mesh are held
-_FEW = 256  # spheres that are all measured; measured: of 100 in a fifth of the time that a look-up takes
-_MOVES = 8  # times that spheres without pieces are moved
-_LISTED = 16  # centres that are looked up where there are more
-_BLOCK = 1 << 16  # values measured at a time: they stay in cache, and a product of so few starts no threads
-_ROUNDING = 1e-12  # in the frame, by which spheres are larger than what they hold
-
-
-def fit_collision(
-    scene: Scene, frame: NormalizedFrame, points: Float64Array, count: int, rng: np.random.Generator, progress: Progress
-) -> SphereFit:
-    """Fit `count` spheres that hold the surface of a scene, to within the rounding of coordinates.
-
-    points   (s, 3) float64 samples of its surface in the frame
-    Of the inside of a watertight mesh the points of a grid are held, 48 along the longest side of its box.
-    """
-    target = SilhouetteTarget.of(scene, frame)
-    begun = fit_shadow(scene, frame, target, points, count, rng, progress)
-    small = subdivide(frame.to_normalized(scene.corners), _PIECE)
-    held = np.concatenate([small.reshape(-1, 3), _inside(scene, frame)])
-    descent = SilhouetteDescent(begun.centers, begun.radii, target.wanted, target.seen, VIEWS_PER_STEP)
-    for step in range(_STEPS):
-        share = step / _STEPS
-        some = held[rng.integers(len(held), size=_DRAWN)]
-        strength = _PULL * (0.1 + 3 * share) * target.wanted.sum() / len(target.seen) / _DRAWN
-        pull = _pull(some, descent.centers, descent.radii, target.seen.scale, strength)
-        descent.step(0.5 * (1 - share) + 0.03, pull)
-        progress.advance()
-    centers, radii = _employed(small, descent.centers, descent.radii)
-    radii = _grown(small, held[small.size // 3 :], centers, radii)
-    return SphereFit(centers, radii, begun.iterations + _STEPS, converged=True)
-
-
-def _pull(
-    points: Float64Array, centers: Float64Array, radii: Float64Array, scale: float, strength: float
-) -> Float64Array:
-    """By how much the spheres should move against (x, y, z) and radius for the points outside them, (n, 4)."""
-    own = _nearest(points, centers, radii)
-    aside = points - centers[own]
-    away = np.linalg.norm(aside, axis=1)
-    beyond = (away - radii[own]) * scale + _SLACK
-    weight = -strength * np.clip(beyond, 0.0, _STRONGEST)
-    slope = [np.bincount(own, weight * side / np.maximum(away, 1e-12), len(radii)) for side in aside.T]
-    return np.column_stack([*slope, np.bincount(own, weight, len(radii))])
-
-
-def _employed(small: Float64Array, centers: Float64Array, radii: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Move each sphere to which no piece would be given to where others would have to grow most."""
-    centers, radii = centers.copy(), radii.copy()
-    middles = small.mean(axis=1)
-    for _ in range(_MOVES):
-        own = _nearest(middles, centers, radii)
-        idle = np.flatnonzero(np.bincount(own, minlength=len(radii)) == 0)
-        if not len(idle):
-            break
-        beyond = np.linalg.norm(middles - centers[own], axis=1) - radii[own]
-        worst = _one_each(own, np.argsort(-beyond, kind="stable"))[: len(idle)]
-        # As large as what is beyond the other sphere, but at least as a piece.
-        idle = idle[: len(worst)]
-        centers[idle], radii[idle] = middles[worst], np.maximum(beyond[worst], _PIECE)
-    return centers, radii
-
-
-def _one_each(own: Int64Array, order: Int64Array) -> Int64Array:
-    """The first piece of each sphere in an order of the pieces, in that order."""
-    first = np.unique(own[order], return_index=True)[1]
-    return order[np.sort(first)]
-
-
-def _grown(small: Float64Array, inside: Float64Array, centers: Float64Array, radii: Float64Array) -> Float64Array:
-    """The radii with which spheres hold the pieces, (m, 3, 3), and points, (k, 3), that are nearest to them."""
-    least = np.zeros(len(radii))
-    own = _nearest(small.mean(axis=1), centers, radii)
-    np.maximum.at(least, own, np.linalg.norm(small - centers[own][:, None], axis=2).max(axis=1))
-    own = _nearest(inside, centers, radii)
-    # Those that their sphere holds already ask for nothing.
-    aside = np.linalg.norm(inside - centers[own], axis=1)
-    out = aside > np.maximum(least, radii)[own]
-    np.maximum.at(least, own[out], aside[out])
-    held = np.zeros(len(radii), bool)
-    held[own[~out]] = True
-    return np.where(held, np.maximum(least, radii), least) + _ROUNDING
-
-
-def _inside(scene: Scene, frame: NormalizedFrame) -> Float64Array:
-    """Points of a grid inside a watertight mesh, (k, 3) in the frame; none in another."""
+def _points_inside(scene: Scene, frame: NormalizedFrame) -> Float64Array:
+    """Return grid points inside a watertight mesh in normalised coordinates, (k, 3); none if it is not watertight."""
     if not topology(scene.faces).watertight:
         return np.zeros((0, 3))
     positions = frame.to_normalized(scene.positions)
-    grid = VoxelGrid.from_box(positions.min(axis=0), positions.max(axis=0), _CUBES)
-    return grid.points(inside_mesh(positions, scene.faces, grid))
+    grid = VoxelGrid.from_box(positions.min(axis=0), positions.max(axis=0), _VOXEL_RESOLUTION)
+    return grid.centers(inside_mesh(positions, scene.faces, grid))
 
 
-def _nearest(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Int64Array:
-    """The sphere in which each point lies deepest, or which is nearest to it, (k,); of many, among near centres.
+def _pull_gradient(
+    points: Float64Array, centers: Float64Array, radii: Float64Array, pixels_per_unit: float, strength: float
+) -> Float64Array:
+    """Return the gradient with respect to (x, y, z, r) that pulls spheres to points outside them, (n, 4)."""
+    nearest = _nearest_spheres(points, centers, radii)
+    offsets = points - centers[nearest]
+    distances = np.linalg.norm(offsets, axis=1)
+    outside = (distances - radii[nearest]) * pixels_per_unit + _PULL_MARGIN
+    weight = -strength * np.clip(outside, 0.0, _MAX_PULL)
+    gradient = [np.bincount(nearest, weight * axis / np.maximum(distances, 1e-12), len(radii)) for axis in offsets.T]
+    return np.column_stack([*gradient, np.bincount(nearest, weight, len(radii))])
 
-    Any other choice would do, too, but give larger spheres.
+
+def _relocate_unused(
+    triangles: Float64Array, centers: Float64Array, radii: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """Move each sphere that is nearest to no triangle to where another sphere would have to grow most."""
+    centers, radii = centers.copy(), radii.copy()
+    centroids = triangles.mean(axis=1)
+    for _ in range(_MAX_RELOCATIONS):
+        nearest = _nearest_spheres(centroids, centers, radii)
+        unused = np.flatnonzero(np.bincount(nearest, minlength=len(radii)) == 0)
+        if not len(unused):
+            break
+        outside = np.linalg.norm(centroids - centers[nearest], axis=1) - radii[nearest]
+        worst = _first_per_sphere(nearest, np.argsort(-outside, kind="stable"))[: len(unused)]
+        unused = unused[: len(worst)]
+        centers[unused], radii[unused] = centroids[worst], np.maximum(outside[worst], _MAX_EDGE)
+    return centers, radii
+
+
+def _first_per_sphere(nearest: Int64Array, order: Int64Array) -> Int64Array:
+    """Return the first triangle of each sphere in an order of the triangles, in that order."""
+    first = np.unique(nearest[order], return_index=True)[1]
+    return order[np.sort(first)]
+
+
+def _containing_radii(
+    triangles: Float64Array, points: Float64Array, centers: Float64Array, radii: Float64Array
+) -> Float64Array:
+    """Return the least radii, (n,), with which spheres contain the triangles, (m, 3, 3), and points nearest to them.
+
+    A point that its sphere contains already does not enlarge it, and the sphere then keeps at least its radius.
     """
-    if len(radii) > _FEW:
-        distances, near = cKDTree(centers).query(points, _LISTED)
-        best = np.argmin(distances - radii[near], axis=1)
-        nearest: Int64Array = near[np.arange(len(points)), best]
+    required = np.zeros(len(radii))
+    nearest = _nearest_spheres(triangles.mean(axis=1), centers, radii)
+    np.maximum.at(required, nearest, np.linalg.norm(triangles - centers[nearest][:, None], axis=2).max(axis=1))
+    nearest = _nearest_spheres(points, centers, radii)
+    distances = np.linalg.norm(points - centers[nearest], axis=1)
+    outside = distances > np.maximum(required, radii)[nearest]
+    np.maximum.at(required, nearest[outside], distances[outside])
+    contains_points = np.zeros(len(radii), bool)
+    contains_points[nearest[~outside]] = True
+    return np.where(contains_points, np.maximum(required, radii), required) + _RADIUS_ROUNDING
+
+
+def _nearest_spheres(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Int64Array:
+    """Return the sphere of least signed distance from each point, (k,); approximately if there are many spheres.
+
+    Any other assignment would be valid, but would give larger spheres.
+    """
+    if len(radii) > _BRUTE_FORCE_UP_TO:
+        distances, neighbours = cKDTree(centers).query(points, _NEIGHBOURS)
+        best = np.argmin(distances - radii[neighbours], axis=1)
+        nearest: Int64Array = neighbours[np.arange(len(points)), best]
         return nearest
-    found = np.empty(len(points), np.intp)
-    own = np.square(centers).sum(axis=1)
-    block = _BLOCK // len(radii)
-    for start in range(0, len(points), block):
-        some = points[start : start + block]
-        squared = np.square(some).sum(axis=1)[:, None] + own - 2 * some @ centers.T
-        found[start : start + block] = np.argmin(np.sqrt(np.maximum(squared, 0)) - radii, axis=1)
-    return found
+    nearest = np.empty(len(points), np.intp)
+    squared_centers = np.square(centers).sum(axis=1)
+    chunk_size = _CHUNK_VALUES // len(radii)
+    for start in range(0, len(points), chunk_size):
+        chunk = points[start : start + chunk_size]
+        squared = np.square(chunk).sum(axis=1)[:, None] + squared_centers - 2 * chunk @ centers.T
+        nearest[start : start + chunk_size] = np.argmin(np.sqrt(np.maximum(squared, 0)) - radii, axis=1)
+    return nearest

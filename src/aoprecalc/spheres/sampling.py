@@ -1,4 +1,8 @@
-"""The coordinates in which spheres are fitted: the mesh's box, centred and scaled to [-1, 1]."""
+"""Surface samples in normalised coordinates, in which spheres are fitted.
+
+Points are sampled uniformly by area: a face with a probability proportional to its area, then a point uniformly in the
+face (*Précalcul*, section 1.2.1).
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,14 +14,16 @@ from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.sampling import fold_to_triangle, pick_faces
 from aoprecalc.types import Float64Array, Scene
 
+_CHUNK_SIZE = 1 << 17  # points sampled at once, to bound temporary memory
+
 
 @dataclass(frozen=True, eq=False)
 class NormalizedFrame:
-    """Moves a mesh to the origin and scales it, so that its place and size in the file do not matter.
+    """The transform of a mesh's bounding box to [-1, 1]^3, centred, with its aspect ratio kept.
 
-    center     (3,) float64: the middle of the mesh's bounding box, in the mesh's units
-    scale      half the longest side of the box, in the mesh's units, > 0
-    diagonal   of the box, in units of `scale`: 2 to 2 sqrt(3); 0 for a single point
+    center     (3,) float64: centre of the bounding box, in mesh units
+    scale      half the longest side of the box, in mesh units, > 0
+    diagonal   of the box, in normalised units: 2 to 2 sqrt(3); 0 for a single point
     """
 
     center: Float64Array
@@ -26,88 +32,99 @@ class NormalizedFrame:
 
     @classmethod
     def from_positions(cls, positions: Float64Array) -> Self:
-        """Frame the bounding box of finite positions, (v, 3) float64, v >= 1."""
-        low, high = positions.min(axis=0) / 2, positions.max(axis=0) / 2  # halved first: no sum overflows
+        """Build the frame of the bounding box of finite positions, (v, 3) float64, v >= 1."""
+        low, high = positions.min(axis=0) / 2, positions.max(axis=0) / 2  # halved first, so that no sum overflows
         half = high - low
         scale = float(half.max()) or 1.0
         return cls(low + high, scale, 2 * float(np.linalg.norm(half / scale)))
 
     def to_normalized(self, positions: Float64Array) -> Float64Array:
-        """Bring positions, (..., 3) float64, from the mesh's coordinates into the frame."""
+        """Transform positions, (..., 3) float64, from mesh to normalised coordinates."""
         return (positions - self.center) / self.scale
 
     def from_normalized(self, positions: Float64Array) -> Float64Array:
-        """Bring positions, (..., 3) float64, from the frame back to the mesh's coordinates."""
+        """Transform positions, (..., 3) float64, from normalised to mesh coordinates."""
         return positions * self.scale + self.center
 
 
-# Points drawn uniformly on a surface (section 1.2.1 of *Précalcul*): a face by its area, then a point in the face.
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """The result of a fitting method: n spheres in normalised coordinates.
 
-_BLOCK = 1 << 17  # points drawn at a time, so that memory beyond the result stays small
-
-
-def sample_surface(
-    scene: Scene, frame: NormalizedFrame, count: int, distinct: int, rng: np.random.Generator
-) -> Float64Array:
-    """Draw `count` points uniformly on the surface, at least `distinct` of them different.
-
-    The first points do not depend on `count`, but for the rounding of `on_grid`.
-
-    Returns (count, 3) float64 in the frame, each coordinate in [-1, 1] and on the grid of `on_grid`.
-    Raises InputError where the surface has no area, and where it is too small for `distinct` points.
+    centers      (n, 3) float64
+    radii        (n,) float64 >= 0
+    iterations   assignments of all samples to spheres, or optimiser steps
+    converged    the last iteration reassigned no sample; always true for optimisers with a fixed number of steps
+    guarded      how often a guard replaced a least-squares solution (algebraic only)
     """
-    corners, upto = _surface(scene, frame)
+
+    centers: Float64Array
+    radii: Float64Array
+    iterations: int
+    converged: bool
+    guarded: int = 0
+
+
+def sample_points(
+    scene: Scene, frame: NormalizedFrame, count: int, min_distinct: int, rng: np.random.Generator
+) -> Float64Array:
+    """Sample `count` points uniformly on the surface, at least `min_distinct` of them distinct.
+
+    The first points do not depend on `count`, except for the rounding by `round_to_grid`.
+
+    Returns (count, 3) float64 in normalised coordinates, in [-1, 1] and rounded by `round_to_grid`.
+    Raises InputError if the surface has no area, or yields fewer than `min_distinct` distinct points.
+    """
+    corners, cumulative_areas = _faces_with_areas(scene, frame)
     points = np.empty((count, 3))
-    for start in range(0, count, _BLOCK):
-        block = points[start : start + _BLOCK]
-        where, along, across = rng.random((len(block), 3)).T
-        block[:] = _inside(corners[pick_faces(upto, where)], *fold_to_triangle(along, across))
+    for start in range(0, count, _CHUNK_SIZE):
+        chunk = points[start : start + _CHUNK_SIZE]
+        chunk[:] = _sample_faces(corners, cumulative_areas, len(chunk), rng)[0]
     points = round_to_grid(points)
-    if (found := _distinct(points, distinct)) < distinct:
+    if (distinct := _count_distinct(points, min_distinct)) < min_distinct:
         raise InputError(
-            f"{scene.path}: the {count} samples fall on {found} distinct points, fewer than the {distinct} spheres "
-            "that start there; ask for fewer spheres or more samples"
+            f"{scene.path}: the {count} samples fall on {distinct} distinct points, fewer than the {min_distinct} "
+            "spheres that start there; ask for fewer spheres or more samples"
         )
     return points
 
 
-def sample_surface_with_normals(
+def sample_points_with_normals(
     scene: Scene, frame: NormalizedFrame, count: int, rng: np.random.Generator
 ) -> tuple[Float64Array, Float64Array]:
-    """Draw points uniformly on the surface; returns them, in the frame, and their faces' unit normals, (count, 3) each.
+    """Sample points uniformly on the surface, with the unit normals of their faces.
 
-    Raises InputError where the surface has no area.
+    Returns points in normalised coordinates and normals, (count, 3) float64 each.
+    Raises InputError if the surface has no area.
     """
-    corners, upto = _surface(scene, frame)
-    where, along, across = rng.random((count, 3)).T
-    chosen = corners[pick_faces(upto, where)]
-    return _inside(chosen, *fold_to_triangle(along, across)), face_normals(chosen)[0]
+    points, triangles = _sample_faces(*_faces_with_areas(scene, frame), count, rng)
+    return points, face_normals(triangles)[0]
 
 
 def round_to_grid(points: Float64Array) -> Float64Array:
-    """Round (s, 3) coordinates in [-1, 1] to multiples of the power of two that makes the sum of any of them exact.
+    """Round (s, 3) coordinates in [-1, 1] to a grid so coarse that the sum of any of them is exact in float64.
 
-    A sum then depends neither on its order nor on its history, and the rounding noise that comes from where the
-    mesh lies and how large it is vanishes. The step is 2^-35 of half the box for 100,000 samples.
+    A sum then does not depend on the order of its terms, and rounding noise that depends on the mesh's position and
+    scale vanishes. The grid step is a power of two, 2^-35 for 100,000 samples.
     """
     step = 2.0 ** (int(len(points) - 1).bit_length() - 52)
-    return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0: no negative zeros, equal is identical
+    return np.asarray(np.rint(points / step) * step + 0.0, np.float64)  # + 0.0 turns -0.0 into 0.0: equal = same bytes
 
 
-def _surface(scene: Scene, frame: NormalizedFrame) -> tuple[Float64Array, Float64Array]:
-    """The faces' corners in the frame, (f, 3, 3), and twice the area of each face and all before it, (f,)."""
+def _faces_with_areas(scene: Scene, frame: NormalizedFrame) -> tuple[Float64Array, Float64Array]:
+    """Return the faces' corners in normalised coordinates, (f, 3, 3), and cumulative doubled areas, (f,)."""
     corners = frame.to_normalized(scene.corners)
-    upto = np.cumsum(_areas(corners, scene, frame))
-    if upto[-1] == 0:
+    cumulative_areas = np.cumsum(_doubled_areas(corners, scene, frame))
+    if cumulative_areas[-1] == 0:
         raise InputError(
             f"{scene.path}: the surface has no area (all {len(corners)} faces are points or lines), "
             "but spheres are fitted to points on it; repair the mesh"
         )
-    return corners, upto
+    return corners, cumulative_areas
 
 
-def _areas(corners: Float64Array, scene: Scene, frame: NormalizedFrame) -> Float64Array:
-    """(f,) twice the faces' areas in the frame; 0 where rounding of the coordinates could account for all of it."""
+def _doubled_areas(corners: Float64Array, scene: Scene, frame: NormalizedFrame) -> Float64Array:
+    """Return twice the faces' areas, (f,), normalised; 0 for an area within the rounding error of the positions."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.linalg.norm(np.cross(first, second), axis=1)
     longest = np.sqrt(np.maximum((first**2).sum(axis=1), (second**2).sum(axis=1)))
@@ -115,13 +132,19 @@ def _areas(corners: Float64Array, scene: Scene, frame: NormalizedFrame) -> Float
     return np.where(areas > 4 * rounding * longest, areas, 0.0)
 
 
-def _inside(corners: Float64Array, along: Float64Array, across: Float64Array) -> Float64Array:
-    """Points of triangles, (k, 3, 3), at shares of their first and third side."""
-    origin = corners[:, 0]
-    return origin + along[:, None] * (corners[:, 1] - origin) + across[:, None] * (corners[:, 2] - origin)
+def _sample_faces(
+    corners: Float64Array, cumulative_areas: Float64Array, count: int, rng: np.random.Generator
+) -> tuple[Float64Array, Float64Array]:
+    """Sample points on faces; return them, (count, 3), and the corners of the face of each, (count, 3, 3)."""
+    face, first, second = rng.random((count, 3)).T
+    triangles = corners[pick_faces(cumulative_areas, face)]
+    first, second = fold_to_triangle(first, second)
+    origin = triangles[:, 0]
+    points = origin + first[:, None] * (triangles[:, 1] - origin) + second[:, None] * (triangles[:, 2] - origin)
+    return points, triangles
 
 
-def _distinct(points: Float64Array, enough: int) -> int:
-    """Count distinct points; any number from `enough` upwards may stand for more."""
-    head = len(np.unique(points[: 2 * enough], axis=0))  # nearly always enough, and far faster than all
+def _count_distinct(points: Float64Array, enough: int) -> int:
+    """Count distinct points, exactly if there are fewer than `enough`."""
+    head = len(np.unique(points[: 2 * enough], axis=0))  # nearly always enough, and much faster than sorting all
     return head if head >= enough else len(np.unique(points, axis=0))

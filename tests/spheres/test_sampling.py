@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import chi2
 
 from aoprecalc.errors import InputError
-from aoprecalc.spheres.sampling import NormalizedFrame, round_to_grid, sample_surface
+from aoprecalc.spheres.sampling import NormalizedFrame, round_to_grid, sample_points
 
 
 def samples(scene, count, distinct=1, seed=0):
     """Samples in the mesh's own coordinates."""
     frame = NormalizedFrame.from_positions(scene.positions)
-    return frame.from_normalized(sample_surface(scene, frame, count, distinct, np.random.default_rng(seed)))
+    return frame.from_normalized(sample_points(scene, frame, count, distinct, np.random.default_rng(seed)))
 
 
 def barycentric(points, triangle):

@@ -61,7 +61,7 @@ def test_columns_through_poles_and_edges_are_filled(most):
     for positions, faces in (shapes.ball(2), cone, drum, shapes.torus(1, 0.5, 16, 8)):
         grid = around(positions, most)
         inside = inside_mesh(positions, faces, grid)
-        points = grid.points(np.ones(grid.shape, bool))
+        points = grid.centers(np.ones(grid.shape, bool))
         expected = windings(positions, faces, points).reshape(grid.shape)
         nudges = 0.01 * grid.pitch * np.array([[1, 2, 3], [-2, -1, 3], [2, -3, -1], [-1, 1, -3]])
         around_them = [windings(positions, faces, points + nudge).reshape(grid.shape) for nudge in nudges]
@@ -82,7 +82,7 @@ def test_points_that_a_mesh_winds_around(seed):
     """Boxes through each other and a ring; sure of points that lie no closer to the surface than it is moved."""
     positions, faces = shapes.clutter(seed)
     grid = around(positions, 12)
-    points = grid.points(np.ones(grid.shape, bool))
+    points = grid.centers(np.ones(grid.shape, bool))
     expected = windings(positions, faces, points)
     nudges = 0.01 * grid.pitch * np.concatenate([np.eye(3), -np.eye(3)])
     sure = np.logical_and.reduce([windings(positions, faces, points + nudge) == expected for nudge in nudges])
@@ -117,7 +117,7 @@ def test_points_are_the_middles_of_cubes():
     assert grid.shape == (2, 4, 1)
     inside = np.zeros(grid.shape, bool)
     inside[1, 3, 0] = True
-    assert grid.points(inside).tolist() == [[1.75, 3.75, 3.25]]
+    assert grid.centers(inside).tolist() == [[1.75, 3.75, 3.25]]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -127,7 +127,7 @@ def test_spheres_that_hold_each_point(seed):
     radii = random.choice([0.0, 0.1, 0.5, 4.0], 25, p=[0.1, 0.4, 0.4, 0.1]) * random.uniform(0.5, 1, 25)
     shape = random.permutation([9, 14, 20])
     grid = VoxelGrid(np.full(3, -1.0), 2 / 20, tuple(shape.tolist()))
-    points = grid.points(np.ones(grid.shape, bool))
+    points = grid.centers(np.ones(grid.shape, bool))
     expected = (np.linalg.norm(points[:, None] - centers, axis=2) <= radii).sum(axis=1)
     assert expected.max() > 1
     np.testing.assert_array_equal(spheres_per_voxel(centers, radii, grid).ravel(), expected)

@@ -4,24 +4,23 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.silhouette_descent import SilhouetteDescent
-from aoprecalc.spheres.silhouettes import fibonacci_views, mesh_silhouettes, spheres_per_pixel
+from aoprecalc.spheres.silhouettes import SilhouetteDescent, fibonacci_views, mesh_silhouettes, spheres_per_pixel
 
-SEEN = fibonacci_views(20, 1.6, 96, turn=0.25)
-PIXEL = 1 / SEEN.scale
+VIEWS = fibonacci_views(20, 1.6, 96, turn=0.25)
+PIXEL = 1 / VIEWS.pixels_per_unit
 
 
-def silhouettes(shape, seen=SEEN):
-    return mesh_silhouettes(*shape, seen)
+def silhouettes(shape, views=VIEWS):
+    return mesh_silhouettes(*shape, views)
 
 
 def differing(wanted, centers, radii):
     """Pixels in which the silhouettes differ, in the mean over views."""
-    return ((spheres_per_pixel(centers, radii, SEEN) > 0) != wanted).sum(axis=(1, 2)).mean()
+    return ((spheres_per_pixel(centers, radii, VIEWS) > 0) != wanted).sum(axis=(1, 2)).mean()
 
 
 def descent_of(wanted, centers, radii):
-    return SilhouetteDescent(np.array(centers, float), np.array(radii, float), wanted, SEEN, len(SEEN))
+    return SilhouetteDescent(np.array(centers, float), np.array(radii, float), wanted, VIEWS, len(VIEWS))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -95,7 +94,7 @@ def test_a_sphere_that_leaves_the_picture_is_called_back_or_shrinks():
 
 
 def test_radii_stay_positive_where_nothing_is_wanted():
-    descent = descent_of(np.zeros((len(SEEN), 96, 96), bool), np.random.default_rng(0).normal(size=(5, 3)), [0.1] * 5)
+    descent = descent_of(np.zeros((len(VIEWS), 96, 96), bool), np.random.default_rng(0).normal(size=(5, 3)), [0.1] * 5)
     for _ in range(40):
         descent.step(1.0)
     np.testing.assert_allclose(descent.radii, PIXEL / 4)
@@ -116,6 +115,6 @@ def test_a_pull_moves_what_silhouettes_do_not():
 
 def test_what_is_given_stays_as_it_is():
     centers, radii = np.zeros((1, 3)), np.full(1, 0.5)
-    SilhouetteDescent(centers, radii, silhouettes(shapes.ball(2)), SEEN, 5).step(1.0)
+    SilhouetteDescent(centers, radii, silhouettes(shapes.ball(2)), VIEWS, 5).step(1.0)
     assert (centers == 0).all()
     assert radii.tolist() == [0.5]

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import shapes
-from aoprecalc.spheres.sampling import NormalizedFrame, sample_surface_with_normals
+from aoprecalc.spheres.sampling import NormalizedFrame, sample_points_with_normals
 from aoprecalc.spheres.shadow import medial_balls
 
 ARRIVED = 1e-3  # of the radius: balls that shrink by less stop
@@ -20,7 +20,7 @@ def units(count, seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_inside_a_ball_each_is_the_ball(seed, radius):
     normals = units(300, seed)
-    centers, radii = medial_balls(radius * normals, normals, radius * units(4000, seed + 10), largest=3.0)
+    centers, radii = medial_balls(radius * normals, normals, radius * units(4000, seed + 10), max_radius=3.0)
     np.testing.assert_allclose(radii, radius, rtol=1e-3)
     assert np.abs(centers).max() < 1e-3 * radius
 
@@ -36,7 +36,7 @@ def test_in_a_slab_they_have_half_its_thickness(seed, thickness):
     side = random.choice([-1.0, 1.0], 300)
     points = np.column_stack([random.uniform(-0.4, 0.4, (300, 2)), side * thickness / 2])
     normals = np.column_stack([np.zeros((300, 2)), side])
-    centers, radii = medial_balls(points, normals, samples, largest=0.5)
+    centers, radii = medial_balls(points, normals, samples, max_radius=0.5)
     aside = 0.005 * 2**0.5
     assert (radii > thickness / 2 * (1 - 1e-9)).all()
     assert (radii < (thickness / 2 + aside**2 / (2 * thickness)) * (1 + 2 * ARRIVED)).all()
@@ -51,7 +51,7 @@ def test_in_a_cylinder_they_have_its_radius(seed):
     angle = random.uniform(0, 2 * np.pi, 300)
     normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(300)])
     points = 0.5 * normals + np.outer(random.uniform(-0.5, 0.5, 300), [0, 0, 1])
-    centers, radii = medial_balls(points, normals, samples, largest=3.0)
+    centers, radii = medial_balls(points, normals, samples, max_radius=3.0)
     np.testing.assert_allclose(radii, 0.5, rtol=2e-3)
     np.testing.assert_allclose(centers[:, :2], 0, rtol=0, atol=1e-3)
 
@@ -63,9 +63,9 @@ def test_none_holds_a_sample_deeper_than_the_tolerance(name, seed, side):
     shape = {"torus": shapes.torus(), "clutter": shapes.clutter(seed), "bowl": shapes.bowl()}[name]
     scene = shapes.scene(*shape)
     frame, random = NormalizedFrame.from_positions(scene.positions), np.random.default_rng(seed)
-    samples, _ = sample_surface_with_normals(scene, frame, 5000, random)
-    points, normals = sample_surface_with_normals(scene, frame, 500, random)
-    centers, radii = medial_balls(points, side * normals, samples, largest=1.0)
+    samples, _ = sample_points_with_normals(scene, frame, 5000, random)
+    points, normals = sample_points_with_normals(scene, frame, 500, random)
+    centers, radii = medial_balls(points, side * normals, samples, max_radius=1.0)
     assert (radii > 0).all()
     assert (radii <= 1).all()
     assert (radii < 0.9).any() or (name, side) == ("torus", -1)
@@ -74,6 +74,6 @@ def test_none_holds_a_sample_deeper_than_the_tolerance(name, seed, side):
 
 def test_a_ball_that_meets_nothing_keeps_its_size():
     points, normals = np.array([[0.0, 0, 0]]), np.array([[0.0, 0, 1]])
-    centers, radii = medial_balls(points, normals, np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, -9]]), largest=2.0)
+    centers, radii = medial_balls(points, normals, np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, -9]]), max_radius=2.0)
     assert radii.tolist() == [2]
     assert centers.tolist() == [[0, 0, -2]]

@@ -21,36 +21,36 @@ def test_wandering_centres(count, seed):
     random = np.random.default_rng(seed)
     points = random.uniform(-1, 1, (2000, 3)) * [1, 1, seed % 2]  # a plate or a block
     centers = points[:count].copy()
-    pairing = NearestCenters(points, centers)
+    nearest = NearestCenters(points, centers)
     for step in range(40):
         centers = centers + random.normal(0, [0.02, 0.001][step % 2], centers.shape) * [1, 1, seed % 2]
         if step % 10 == 9:
             centers[step % count] = points[-step]  # a jump across
-        pairing.update(centers)
+        nearest.update(centers)
         expected = brute(points, centers)
         empty = np.flatnonzero(np.bincount(expected, minlength=count) == 0)
-        given = pairing.labels != expected
-        assert sorted(pairing.labels[given]) == empty.tolist()
-        assert (pairing.sizes == np.bincount(pairing.labels, minlength=count)).all()
+        given = nearest.labels != expected
+        assert sorted(nearest.labels[given]) == empty.tolist()
+        assert (nearest.sizes == np.bincount(nearest.labels, minlength=count)).all()
 
 
 def test_of_equally_near_centres_the_first_wins():
     grid = np.stack(np.meshgrid(*[np.arange(4) / 4] * 3), axis=-1).reshape(-1, 3)  # 64 centres
     points = np.concatenate([grid, grid + 1 / 8])  # on each centre, and in the middle of each cell
-    pairing = NearestCenters(points, grid)
-    assert (pairing.labels == brute(points, grid)).all()
+    nearest = NearestCenters(points, grid)
+    assert (nearest.labels == brute(points, grid)).all()
 
     shifted = grid[::-1].copy()
-    pairing.update(shifted)
-    assert (pairing.labels == brute(points, shifted)).all()
+    nearest.update(shifted)
+    assert (nearest.labels == brute(points, shifted)).all()
 
 
 def test_a_tie_that_moving_centres_bring_about():
     points = np.array([[-0.5, 0, 0], [0, 0, 0], [0.75, 0, 0]])
-    pairing = NearestCenters(points, np.array([[-0.5, 0, 0], [0.25, 0, 0]]))
-    assert pairing.labels.tolist() == [0, 1, 1]
-    pairing.update(np.array([[-0.5, 0, 0], [0.5, 0, 0]]))
-    assert pairing.labels.tolist() == [0, 0, 1]
+    nearest = NearestCenters(points, np.array([[-0.5, 0, 0], [0.25, 0, 0]]))
+    assert nearest.labels.tolist() == [0, 1, 1]
+    nearest.update(np.array([[-0.5, 0, 0], [0.5, 0, 0]]))
+    assert nearest.labels.tolist() == [0, 0, 1]
 
 
 CROWD = np.arange(12) * -0.02  # so many centres close together that a centre at 1 is no neighbour of the one at 0
@@ -70,13 +70,13 @@ def test_a_centre_from_beyond_the_neighbourhood_takes_a_far_sample(samples, plac
     """The sample at 0.49 ends up with the centre at 0, next to many; then the centre at 1 comes to 0.9."""
     points = np.concatenate([line(0.49, *samples), [ELSEWHERE]])
     before, after = np.array(places)
-    pairing = NearestCenters(points, before)
-    pairing.update(after)
-    assert after[pairing.labels[0]].tolist() == [0, 0, 0]
-    assert (pairing.labels == brute(points, after)).all()
+    nearest = NearestCenters(points, before)
+    nearest.update(after)
+    assert after[nearest.labels[0]].tolist() == [0, 0, 0]
+    assert (nearest.labels == brute(points, after)).all()
     last = np.where(after == [1, 0, 0], [0.9, 0, 0], after)
-    pairing.update(last)
-    assert (pairing.labels == brute(points, last)).all()
+    nearest.update(last)
+    assert (nearest.labels == brute(points, last)).all()
 
 
 AWAY = [0, 1, 0]  # where the centre of an empty cluster stands
@@ -94,19 +94,19 @@ AWAY = [0, 1, 0]  # where the centre of an empty cluster stands
     ids=["the farthest", "of equals the first", "never a last one", "no place twice", "centres in one place"],
 )
 def test_an_empty_cluster_is_given(points, centers, labels):
-    pairing = NearestCenters(points, np.array(centers, np.float64))
-    assert pairing.labels.tolist() == labels
-    assert pairing.sizes.tolist() == np.bincount(labels).tolist()
+    nearest = NearestCenters(points, np.array(centers, np.float64))
+    assert nearest.labels.tolist() == labels
+    assert nearest.sizes.tolist() == np.bincount(labels).tolist()
 
 
 def test_a_cluster_that_empties_while_centres_move_is_filled_and_followed():
     points = np.random.default_rng(0).uniform(-1, 1, (500, 3))
     start = points[:20]
-    pairing = NearestCenters(points, start)
+    nearest = NearestCenters(points, start)
     row = np.arange(20)[:, None]
-    pairing.update(np.where(row == 7, 9.0, start))
-    given = np.flatnonzero(pairing.labels == 7)
+    nearest.update(np.where(row == 7, 9.0, start))
+    given = np.flatnonzero(nearest.labels == 7)
     assert len(given) == 1
     back = np.where(row == 7, points[given], start)
-    pairing.update(back)
-    assert (pairing.labels == brute(points, back)).all()
+    nearest.update(back)
+    assert (nearest.labels == brute(points, back)).all()
