@@ -115,17 +115,17 @@ def test_whatever_differs_most_is_the_difference(change, name, expected):
 def test_what_one_mesh_lacks_makes_them_different():
     whole = plate()
     corners, normals, uv_sets = whole.corners, whole.normals, whole.uv_sets
-    hole = whole.picture_uvs.copy()
+    hole = whole.texture_uvs.copy()
     hole[1] = np.nan
     cases = {
         "2 and 1 triangles": ComparedMesh(
-            corners[:1], normals[:1], (uv_sets[0][:1],), whole.picture, whole.picture_uvs[:1]
+            corners[:1], normals[:1], (uv_sets[0][:1],), whole.texture, whole.texture_uvs[:1]
         ),
-        "only A has normals": ComparedMesh(corners, None, uv_sets, whole.picture, whole.picture_uvs),
+        "only A has normals": ComparedMesh(corners, None, uv_sets, whole.texture, whole.texture_uvs),
         "only A has a picture": ComparedMesh(corners, normals, uv_sets),
-        "1 and 0 sets of UVs": ComparedMesh(corners, normals, (), whole.picture, whole.picture_uvs),
-        "lie on 2 and 1 triangles": ComparedMesh(corners, normals, uv_sets, whole.picture, hole),
-        "8 x 8 and 4 x 8 pixels": ComparedMesh(corners, normals, uv_sets, whole.picture[:, :4], whole.picture_uvs),
+        "1 and 0 sets of UVs": ComparedMesh(corners, normals, (), whole.texture, whole.texture_uvs),
+        "lie on 2 and 1 triangles": ComparedMesh(corners, normals, uv_sets, whole.texture, hole),
+        "8 x 8 and 4 x 8 pixels": ComparedMesh(corners, normals, uv_sets, whole.texture[:, :4], whole.texture_uvs),
     }
     for reason, other in cases.items():
         found = mesh_difference(whole, other)
@@ -189,13 +189,13 @@ def test_repeated_spheres_are_counted():
 
 
 def test_too_many_pairs_are_compared_in_their_order_and_it_is_said(monkeypatch):
-    monkeypatch.setattr(spheres_module, "_FEW", 10)
+    monkeypatch.setattr(spheres_module, "_ALL_PAIRS_UP_TO", 10)
     centers, radii = np.zeros((50, 3)), np.ones(50)
     other = centers.copy()
     other[0, 0] = 1.0
     found = spheres_difference([(centers, radii)], [(other, radii)])
     assert found.value == pytest.approx(1 / np.linalg.norm([3, 2, 2]))
-    assert "in their files' order" in found.warnings[0]
+    assert "in file order" in found.warnings[0]
 
 
 def test_levels_are_compared_one_by_one():

@@ -1,14 +1,14 @@
-"""How far apart two results are: pictures, meshes, sphere sets, documents; each kind ends in one number."""
+"""Differences between two results: pictures, meshes, sphere sets and JSON documents, each reduced to one number."""
 
 from aoprecalc.metrics.difference import (
     Answer,
     ComparedMesh,
     Difference,
     PicturePair,
+    document_difference,
     mesh_difference,
     picture_difference,
 )
-from aoprecalc.metrics.json_difference import document_difference
 from aoprecalc.metrics.sphere_difference import Spheres, spheres_difference
 
 __all__ = [

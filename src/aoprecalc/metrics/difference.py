@@ -1,5 +1,7 @@
-"""What a comparison finds, whatever was compared."""
+"""Differences between two pictures, two meshes with ambient occlusion, or two JSON documents."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -13,10 +15,10 @@ Answer = Literal["equal", "near", "different"]
 
 @dataclass(frozen=True, eq=False)
 class PicturePair:
-    """Two pictures to be looked at, of one channel each.
+    """Two compared pictures of one channel each.
 
-    first, second   (h, w) float32, row 0 on top; they may have different sizes
-    flip            (h, w) float32 in [0, 1]: what an eye sees of the difference; None where the sizes differ
+    first, second   (h, w) float32, row 0 on top; their sizes may differ
+    flip            (h, w) float32 in [0, 1]: perceived difference; None if the sizes differ
     """
 
     first: Float32Array
@@ -26,14 +28,14 @@ class PicturePair:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """How far B is from A.
+    """The difference of B from A.
 
-    value      the number that a tolerance is held against, >= 0; None where no number can tell
-    equal      every value that was compared is the same
-    reason     why no number can tell, in words; empty where one can
-    details    what else was measured: plain JSON values
-    pair       the pictures that were compared; None where there are none
-    warnings   what the user should know about the comparison
+    value      compared with a tolerance, >= 0; None if A and B are not comparable by a number
+    equal      all compared values are identical
+    reason     why they are not comparable; empty if they are
+    details    other measurements, as plain JSON values
+    pair       the compared pictures; None if there are none
+    warnings   messages to the user about the comparison
     """
 
     value: float | None
@@ -44,149 +46,233 @@ class Difference:
     warnings: tuple[str, ...] = ()
 
     def answer(self, tolerance: float) -> Answer:
-        """Return what the difference means where at most `tolerance` is allowed."""
+        """Classify the difference: "near" if its value is at most `tolerance`."""
         if self.equal:
             return "equal"
         return "near" if self.value is not None and self.value <= tolerance else "different"
 
 
 def incomparable(reason: str, pair: PicturePair | None = None, **details: Any) -> Difference:
-    """Return the difference of what cannot be laid on one another, for a reason in words."""
+    """Return the difference of two results that cannot be compared by a number."""
     return Difference(None, reason=reason, details=details, pair=pair)
 
 
 def rounded(value: float | np.floating[Any]) -> float:
-    """Return a measured number as documents show it, with six digits."""
+    """Round a measurement to six significant digits, as in reports."""
     return float(f"{value:.6g}")
 
 
 def scaled_to_unit(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return two arrays of finite numbers, divided by a power of two so that none is beyond 1: squares are finite."""
+    """Divide two finite arrays by the power of two that brings both into [-1, 1], so that squares do not overflow."""
     exponent = np.frexp(max(np.abs(first).max(), np.abs(second).max()))[1]
     return np.ldexp(first, -exponent), np.ldexp(second, -exponent)
 
 
 def bounding_diagonal(points: Float64Array) -> float:
-    """Return the diagonal of the box around points, (..., 3), none of them beyond 1; 1 where they are all the same."""
+    """Return the bounding box diagonal of points, (..., 3) in [-1, 1]; 1 if all points coincide."""
     return float(np.linalg.norm(np.ptp(points.reshape(-1, 3), axis=0))) or 1.0
 
 
-# How far apart two pictures are.
+# Pictures.
 
-_NOTICED = 2 / 255  # of a pixel's difference
-_ROUNDING = 1e-6  # of fractions of 255 in 32 bits, which must not count as more
+_NOTICEABLE = 2 / 255  # difference of a pixel that counts in `share`
+_ROUNDING = 1e-6  # of multiples of 1/255 in float32
 
 
 def picture_difference(first: Float32Array, second: Float32Array) -> Difference:
-    """Compare pictures, (h, w, channels) float32, all finite, channels >= 1, by the root mean square of second - first.
+    """Compare pictures, (h, w, channels) float32, finite, channels >= 1, by the root mean square of second - first.
 
-    Of several channels the one whose root mean square is greatest speaks for all. Where only one picture has several,
-    the first channels are compared. Pictures of different sizes have nothing to compare.
+    The value is that of the channel with the greatest RMS. If the numbers of channels differ, only the first channels
+    are compared. Pictures of different sizes are incomparable.
     """
     if first.shape[:2] != second.shape[:2]:
         sizes = " and ".join(f"{picture.shape[1]} x {picture.shape[0]}" for picture in (first, second))
         return incomparable(f"they have {sizes} pixels", PicturePair(first[:, :, 0], second[:, :, 0], None))
-    said = []
-    if first.shape[2] != second.shape[2]:
-        said = [f"the pictures have {first.shape[2]} and {second.shape[2]} channels; the first of each are compared"]
-    channels = min(first.shape[2], second.shape[2]) if not said else 1
-    squares = [_mean_square(first[:, :, channel], second[:, :, channel]) for channel in range(channels)]
-    channel = int(np.argmax(squares))
-    one, other = first[:, :, channel], second[:, :, channel]
-    seen = flip(one, other)
-    apart = other.astype(np.float64) - one
-    rms = float(np.sqrt(squares[channel]))
+    counts = first.shape[2], second.shape[2]
+    warnings = []
+    if counts[0] != counts[1]:
+        warnings = [f"the pictures have {counts[0]} and {counts[1]} channels; only the first channels are compared"]
+    channels = counts[0] if counts[0] == counts[1] else 1
+    mean_squares = [_mean_square(first[:, :, channel], second[:, :, channel]) for channel in range(channels)]
+    channel = int(np.argmax(mean_squares))
+    a, b = first[:, :, channel], second[:, :, channel]
+    flip_map = flip(a, b)
+    difference = b.astype(np.float64) - a
+    rms = float(np.sqrt(mean_squares[channel]))
     details = {
         "width": first.shape[1],
         "height": first.shape[0],
         "channel": channel,
         "rms": rounded(rms),
-        "bias": rounded(apart.mean()),
-        "max": rounded(np.abs(apart).max()),
-        "share": rounded(np.mean(np.abs(apart) > _NOTICED + _ROUNDING)),
-        "flip": rounded(np.mean(seen, dtype=np.float64)),
+        "bias": rounded(difference.mean()),
+        "max": rounded(np.abs(difference).max()),
+        "share": rounded(np.mean(np.abs(difference) > _NOTICEABLE + _ROUNDING)),
+        "flip": rounded(np.mean(flip_map, dtype=np.float64)),
     }
-    return Difference(rms, equal=rms == 0, details=details, pair=PicturePair(one, other, seen), warnings=tuple(said))
+    pair = PicturePair(a, b, flip_map)
+    return Difference(rms, equal=rms == 0, details=details, pair=pair, warnings=tuple(warnings))
 
 
 def _mean_square(first: Float32Array, second: Float32Array) -> float:
     return float(np.mean(np.square(second.astype(np.float64) - first)))
 
 
-# How far apart two meshes with ambient occlusion are.
+# Meshes with ambient occlusion.
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedMesh:
-    """What is compared of a mesh.
+    """The compared properties of a mesh.
 
-    corners       (f, 3, 3) float64, finite, f >= 1: the positions of each face's corners
-    normals       (f, 3, 3) float32, unit length, at the corners; None where the file has none
-    uv_sets       those of the file, each (f, 3, 2) float64
-    picture       (h, w, 1) float32, finite: the ambient occlusion; None where there is none
-    picture_uvs   (f, 3, 2) float64: how it lies on the mesh, one of the sets or made from it; NaN where it does not
+    corners       (f, 3, 3) float64, finite, f >= 1: positions of each face's corners
+    normals       (f, 3, 3) float32, unit length, at the corners; None if the file has none
+    uv_sets       all UV sets of the file, each (f, 3, 2) float64
+    texture       (h, w, 1) float32, finite: the ambient occlusion; None if there is none
+    texture_uvs   (f, 3, 2) float64: the UVs of the texture; NaN on faces that it does not cover
     """
 
     corners: Float64Array
     normals: Float32Array | None
     uv_sets: tuple[Float64Array, ...]
-    picture: Float32Array | None = None
-    picture_uvs: Float64Array | None = None
+    texture: Float32Array | None = None
+    texture_uvs: Float64Array | None = None
 
 
 def mesh_difference(first: ComparedMesh, second: ComparedMesh) -> Difference:
-    """Compare meshes corner by corner, in the order in which their files have them, and their pictures.
+    """Compare meshes corner by corner, in the order of their files, and their textures.
 
-    The value is the greatest of: how far a position has moved, over the diagonal of the box around both meshes; how far
-    a UV has moved; the length of the difference of two normals; the pictures' root mean square.
+    The value is the maximum of: distances of positions / bounding box diagonal of both meshes; distances of UVs;
+    lengths of the differences of normals; the RMS difference of the textures.
     """
-    pictures = None
-    if first.picture is not None and second.picture is not None:
-        pictures = picture_difference(first.picture, second.picture)
-    pair = None if pictures is None else pictures.pair
-    reason = _unlike(first, second) or ("" if pictures is None else pictures.reason)
+    textures = None
+    if first.texture is not None and second.texture is not None:
+        textures = picture_difference(first.texture, second.texture)
+    pair = None if textures is None else textures.pair
+    reason = _mismatch(first, second) or ("" if textures is None else textures.reason)
     if reason:
         return incomparable(reason, pair)
     corners = scaled_to_unit(first.corners, second.corners)
-    moved = _farthest(*corners) / bounding_diagonal(np.stack(corners))
-    uvs = [_farthest(*sets) for sets in zip(first.uv_sets, second.uv_sets, strict=True)]
-    if first.picture_uvs is not None and second.picture_uvs is not None:
-        uvs.append(_farthest(first.picture_uvs, second.picture_uvs))
-    normals = None
+    position = _max_distance(*corners) / bounding_diagonal(np.stack(corners))
+    uvs = [_max_distance(*sets) for sets in zip(first.uv_sets, second.uv_sets, strict=True)]
+    if first.texture_uvs is not None and second.texture_uvs is not None:
+        uvs.append(_max_distance(first.texture_uvs, second.texture_uvs))
+    normal = None
     if first.normals is not None and second.normals is not None:
-        normals = _farthest(first.normals, second.normals)
-    value = max(moved, *uvs, normals or 0.0, 0.0 if pictures is None else pictures.value or 0.0)
+        normal = _max_distance(first.normals, second.normals)
+    value = max(position, *uvs, normal or 0.0, 0.0 if textures is None else textures.value or 0.0)
     details = {
         "triangles": len(first.corners),
-        "position": rounded(moved),
+        "position": rounded(position),
         "uv": rounded(max(uvs)) if uvs else None,
-        "normal": None if normals is None else rounded(normals),
-        "texture": None if pictures is None else pictures.details,
+        "normal": None if normal is None else rounded(normal),
+        "texture": None if textures is None else textures.details,
     }
     return Difference(value, equal=value == 0, details=details, pair=pair)
 
 
-def _unlike(first: ComparedMesh, second: ComparedMesh) -> str:
-    """Say why the meshes cannot be laid on one another; nothing where they can."""
+def _mismatch(first: ComparedMesh, second: ComparedMesh) -> str:
+    """Say why the meshes cannot be compared corner by corner; return an empty text if they can."""
     if len(first.corners) != len(second.corners):
         return f"they have {len(first.corners)} and {len(second.corners)} triangles"
-    for name, has in {
-        "a picture of ambient occlusion": [surface.picture is not None for surface in (first, second)],
-        "normals": [surface.normals is not None for surface in (first, second)],
+    for name, present in {
+        "a picture of ambient occlusion": [mesh.texture is not None for mesh in (first, second)],
+        "normals": [mesh.normals is not None for mesh in (first, second)],
     }.items():
-        if has[0] != has[1]:
-            return f"only {'A' if has[0] else 'B'} has {name}"
+        if present[0] != present[1]:
+            return f"only {'A' if present[0] else 'B'} has {name}"
     if len(first.uv_sets) != len(second.uv_sets):
         return f"they have {len(first.uv_sets)} and {len(second.uv_sets)} sets of UVs"
-    if first.picture_uvs is not None and second.picture_uvs is not None:
-        places = [~np.isnan(surface).any(axis=(1, 2)) for surface in (first.picture_uvs, second.picture_uvs)]
-        if (places[0] != places[1]).any():
-            return f"their pictures lie on {places[0].sum()} and {places[1].sum()} triangles, not all of them the same"
+    if first.texture_uvs is not None and second.texture_uvs is not None:
+        covered = [~np.isnan(uvs).any(axis=(1, 2)) for uvs in (first.texture_uvs, second.texture_uvs)]
+        if (covered[0] != covered[1]).any():
+            return (
+                f"their pictures lie on {covered[0].sum()} and {covered[1].sum()} triangles, not all of them the same"
+            )
     return ""
 
 
-def _farthest(first: Float64Array | Float32Array, second: Float64Array | Float32Array) -> float:
-    """Return the greatest distance between two arrays' points, (..., d); places without a point count as 0."""
+def _max_distance(first: Float64Array | Float32Array, second: Float64Array | Float32Array) -> float:
+    """Return the maximum distance of corresponding points, (..., d); pairs with NaN count as 0."""
     with np.errstate(over="ignore"):  # UVs may be of any size
-        away = np.linalg.norm(second.astype(np.float64) - first, axis=-1)
-    return float(np.nan_to_num(away, nan=0.0).max())
+        distances = np.linalg.norm(second.astype(np.float64) - first, axis=-1)
+    return float(np.nan_to_num(distances, nan=0.0).max())
+
+
+# JSON documents.
+
+IGNORED_KEYS = frozenset({"seconds", "version", "renderer", "path", "outputs"})  # depend on the time or the machine
+_MAX_LISTED = 10  # differing leaves in the details
+
+_MISSING = object()
+
+
+def document_difference(first: Any, second: Any) -> Difference:
+    """Compare JSON documents leaf by leaf, except what is under a key of IGNORED_KEYS.
+
+    The value is the maximum of |a - b| / max(1, |a|, |b|) over numbers. Documents that differ in anything else, such as
+    texts, keys or the lengths of lists, are incomparable.
+    """
+    numbers, value, places, others = 0, 0.0, [], []
+    for path, a, b in _leaves(first, second):
+        difference = _leaf_difference(a, b)
+        numbers += _is_number(a) and _is_number(b)
+        if difference != 0:
+            value = max(value, difference or 0.0)
+            places.append({"at": path, "a": _leaf_summary(a), "b": _leaf_summary(b)})
+            others += [path] if difference is None else []
+    details = {
+        "numbers": numbers,
+        "differing": len(places),
+        "value": rounded(value),
+        "places": places[:_MAX_LISTED],
+    }
+    if others:
+        count = "1 place differs" if len(others) == 1 else f"{len(others)} places differ"
+        return incomparable(f"{count} in more than a number, the first at {others[0]}", None, **details)
+    return Difference(value, equal=not places, details=details)
+
+
+def _leaves(first: Any, second: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the path of each leaf and its value in either document, in the order of the first.
+
+    Lists of different lengths and values that only one document has are leaves.
+    """
+    stack: list[tuple[str, Any, Any]] = [("", first, second)]  # no recursion, as documents may be nested deeply
+    while stack:
+        path, a, b = stack.pop()
+        if isinstance(a, dict) and isinstance(b, dict):
+            keys = [key for key in {**a, **b} if key not in IGNORED_KEYS]
+            children = [(f"{path}.{key}".lstrip("."), a.get(key, _MISSING), b.get(key, _MISSING)) for key in keys]
+            stack += reversed(children)
+        elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+            stack += reversed([(f"{path}[{index}]", *items) for index, items in enumerate(zip(a, b, strict=True))])
+        else:
+            yield path, a, b
+
+
+def _leaf_difference(a: Any, b: Any) -> float | None:
+    """Return the relative difference of two leaves; None if they differ and are not both finite numbers."""
+    if _is_number(a) and _is_number(b):
+        if a == b:
+            return 0.0
+        try:
+            difference = abs(a - b) / max(1, abs(a), abs(b))
+        except OverflowError:  # integers may have any number of digits
+            return None
+        return float(difference) if math.isfinite(difference) else None
+    return 0.0 if type(a) is type(b) and a == b else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _leaf_summary(value: Any) -> Any:
+    """Return a leaf for a report: containers by their size, long texts cut, None if it is missing."""
+    if value is _MISSING:
+        return None
+    if isinstance(value, dict | list):
+        return f"{len(value)} {'keys' if isinstance(value, dict) else 'values'}"
+    if isinstance(value, str):
+        return value if len(value) <= 80 else f"{value[:77]}..."
+    return value

@@ -1,4 +1,4 @@
-"""How large errors are, and where they are largest."""
+"""Errors of an ambient-occlusion texture against reference values at surface points."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,17 @@ from aoprecalc.texture_lookup import bilinear, mip_chain
 from aoprecalc.types import Float32Array, Float64Array
 
 MIP_LEVELS = 5
-_APART = 0.01  # of the bounding diagonal: as near as two of the worst places may be
+_MIN_SEPARATION = 0.01  # of two of the worst points, / bounding box diagonal
 
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Of texture minus reference, both ambient occlusion in [0, 1].
+    """Statistics of the errors texture - reference, both ambient occlusion in [0, 1].
 
-    rmse            root of the mean square
-    bias            mean; positive where the texture is too bright
-    p50, p95, p99   the magnitude that as many percent of the errors stay within
-    max             the greatest magnitude
+    rmse            root mean square
+    bias            mean; positive if the texture is too bright
+    p50, p95, p99   percentiles of the absolute error
+    max             maximum of the absolute error
     """
 
     rmse: float
@@ -31,7 +31,12 @@ class ErrorStatistics:
 
 @dataclass(frozen=True)
 class WorstPoint:
-    """One point and its error: position in the mesh's units, UV (v upwards), values in [0, 1]."""
+    """A surface point of large error.
+
+    position           in mesh units
+    uv                 v upwards
+    value, reference   ambient occlusion of the texture and of ray tracing, in [0, 1]
+    """
 
     position: tuple[float, float, float]
     uv: tuple[float, float]
@@ -44,24 +49,47 @@ class WorstPoint:
         return self.value - self.reference
 
 
-def error_statistics(differences: Float64Array) -> ErrorStatistics:
-    """Describe (k,) errors, k >= 1."""
-    sizes = np.abs(differences)
-    p50, p95, p99 = np.percentile(sizes, [50, 95, 99])
-    rmse = np.sqrt(np.mean(differences**2))
-    return ErrorStatistics(*map(float, (rmse, differences.mean(), p50, p95, p99, sizes.max())))
+@dataclass(frozen=True, eq=False)
+class TextureErrors:
+    """Errors of a texture against ray tracing, at points distributed uniformly over a surface.
+
+    levels   statistics for each level of the texture's mip chain, full resolution first
+    worst    points of greatest error at full resolution
+    rays     cast from each point
+    uvs      (k, 2) float64: of the points, v upwards
+    errors   (k,) float64: texture - reference at the points, at full resolution
+    """
+
+    levels: tuple[ErrorStatistics, ...]
+    worst: tuple[WorstPoint, ...]
+    rays: int
+    uvs: Float64Array
+    errors: Float64Array
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return len(self.errors)
+
+
+def error_statistics(errors: Float64Array) -> ErrorStatistics:
+    """Compute statistics of errors, (k,) with k >= 1."""
+    magnitudes = np.abs(errors)
+    p50, p95, p99 = np.percentile(magnitudes, [50, 95, 99])
+    rmse = np.sqrt(np.mean(errors**2))
+    return ErrorStatistics(*map(float, (rmse, errors.mean(), p50, p95, p99, magnitudes.max())))
 
 
 def errors_per_mip_level(
-    picture: Float32Array, uvs: Float64Array, reference: Float64Array, *, repeats: bool, levels: int = MIP_LEVELS
+    texture: Float32Array, uvs: Float64Array, reference: Float64Array, *, repeats: bool, levels: int = MIP_LEVELS
 ) -> tuple[ErrorStatistics, ...]:
-    """Describe the errors of each level of a picture's mip chain, as far as there are so many.
+    """Compute error statistics for bilinear look-ups in each of the first `levels` levels of a texture's mip chain.
 
-    picture     (h, w), row 0 at v = 1
+    texture     (h, w), row 0 at v = 1
     uvs         (k, 2) of the points
-    reference   (k,) what a look-up should find there
+    reference   (k,) expected values
     """
-    chain = mip_chain(picture, levels)
+    chain = mip_chain(texture, levels)
     return tuple(error_statistics(bilinear(level, uvs, repeats=repeats) - reference) for level in chain)
 
 
@@ -73,43 +101,19 @@ def worst_points(
     diagonal: float,
     count: int = 10,
 ) -> tuple[WorstPoint, ...]:
-    """Return the points of greatest error, the worst first, no two nearer than a hundredth of the bounding diagonal.
+    """Return up to `count` points of greatest error, in descending order, at least 1% of the diagonal apart.
 
-    Points without error are left out, so there may be fewer than `count`.
-
-    positions   (k, 3), in the same units as the diagonal
+    positions   (k, 3), in the unit of the diagonal
     uvs         (k, 2)
-    values      (k,) of the texture, as `reference` of the truth
+    values      (k,) looked up in the texture
+    reference   (k,) expected; points without error are never returned
     """
-    left = np.abs(values - reference)
-    places: list[WorstPoint] = []
-    while len(places) < count and left.max() > 0:
-        at = int(left.argmax())
-        x, y, z = positions[at].tolist()
-        u, v = uvs[at].tolist()
-        places.append(WorstPoint((x, y, z), (u, v), float(values[at]), float(reference[at])))
-        left[np.linalg.norm(positions - positions[at], axis=1) <= _APART * diagonal] = 0
-    return tuple(places)
-
-
-@dataclass(frozen=True, eq=False)
-class TextureErrors:
-    """How far a texture is from ray tracing, at points spread uniformly over a surface.
-
-    levels   the errors of each level of the texture's mip chain, full resolution first
-    worst    the places of greatest error at full resolution
-    rays     cast from each point
-    uvs      (k, 2) float64 of the points, v upwards
-    errors   (k,) float64 there, at full resolution
-    """
-
-    levels: tuple[ErrorStatistics, ...]
-    worst: tuple[WorstPoint, ...]
-    rays: int
-    uvs: Float64Array
-    errors: Float64Array
-
-    @property
-    def points(self) -> int:
-        """How many points there are."""
-        return len(self.errors)
+    remaining = np.abs(values - reference)
+    points: list[WorstPoint] = []
+    while len(points) < count and remaining.max() > 0:
+        worst = int(remaining.argmax())
+        x, y, z = positions[worst].tolist()
+        u, v = uvs[worst].tolist()
+        points.append(WorstPoint((x, y, z), (u, v), float(values[worst]), float(reference[worst])))
+        remaining[np.linalg.norm(positions - positions[worst], axis=1) <= _MIN_SEPARATION * diagonal] = 0
+    return tuple(points)

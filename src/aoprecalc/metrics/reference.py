@@ -1,4 +1,4 @@
-"""Ambient occlusion at points of a surface by tracing rays: what a texture is measured against."""
+"""Reference ambient occlusion at surface points by ray tracing (*Précalcul*, equation 1.1.1.1), to verify textures."""
 
 import math
 
@@ -12,41 +12,43 @@ from aoprecalc.types import Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
 from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster
 
-_BLOCK = 1 << 20  # rays cast at a time: some 60 MB
+_RAYS_PER_CHUNK = 1 << 20  # cast at once: about 60 MB
 
 
 def stratified_ray_count(rays: int) -> int:
-    """Return how many rays stand for `rays`: the next square number, as they are stratified in a square grid."""
+    """Return the next square number: rays are stratified in a square grid."""
     return (math.isqrt(rays - 1) + 1) ** 2
 
 
 def reference_ao(
     scene: Scene, shading: Float32Array, points: SurfacePoints, options: VerifyOptions, progress: Progress
 ) -> Float64Array:
-    """Return the ambient occlusion at the points, (k,) float64 in [0, 1].
+    """Compute the ambient occlusion at surface points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
-    options   rays, seed, estimator and threads count here
+    options   `rays`, `seed`, `estimator` and `threads` are used
 
-    With the interpolated normal n and the face's own g (for n where they oppose each other), rays w are drawn by their
-    cosine with n; ratio: the visible share of those with g.w > 0; mean: the visible ones of these as a share of all.
-    Faces that are two-sided have the larger of both sides' values. Points done are counted on `progress`.
-    Raises RendererError where rays cannot be cast.
+    Rays w are distributed by their cosine with the interpolated shading normal n. Estimator ratio: the visible fraction
+    of the rays above the geometric horizon, g.w > 0 with the face normal g; mean: the number of these visible rays /
+    the number of all rays. If n opposes g, g replaces it. Two-sided faces have the maximum of both sides' values.
+    Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
     """
     surface = NormalizedSurface.from_scene(scene, shading)
     occluders = RayCaster(surface.occluders, options.threads)
-    places, normals, geometric = surface.interpolate(points.faces, points.weights)
-    values = _one_side(surface, occluders, places, normals, geometric, options, progress)
-    backs = np.flatnonzero(scene.two_sided[points.faces])
-    behind = _one_side(surface, occluders, places[backs], -normals[backs], -geometric[backs], options, Progress())
-    values[backs] = np.maximum(values[backs], behind)
+    positions, normals, geometric = surface.interpolate(points.faces, points.weights)
+    values = _one_side(surface, occluders, positions, normals, geometric, options, progress)
+    two_sided = np.flatnonzero(scene.two_sided[points.faces])
+    back = _one_side(
+        surface, occluders, positions[two_sided], -normals[two_sided], -geometric[two_sided], options, Progress()
+    )
+    values[two_sided] = np.maximum(values[two_sided], back)
     return values
 
 
 def _one_side(
     surface: NormalizedSurface,
     occluders: RayCaster,
-    places: Float64Array,
+    positions: Float64Array,
     normals: Float64Array,
     geometric: Float64Array,
     options: VerifyOptions,
@@ -54,36 +56,37 @@ def _one_side(
 ) -> Float64Array:
     rays = stratified_ray_count(options.rays)
     rng = np.random.default_rng(options.seed)
-    values = np.empty(len(places))
-    step = max(1, _BLOCK // rays)
-    for start in range(0, len(places), step):
-        block = slice(start, start + step)
-        upward = geometric[block].astype(np.float32)
-        directions = _hemispheres(normals[block], rays, rng)
-        in_front = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
-        origins = np.repeat((places[block] + RAY_OFFSET * geometric[block]).astype(np.float32), rays, axis=0)
-        hidden = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(in_front.shape)
-        seen = in_front & ~hidden & ~surface.is_below_ground(directions)
-        values[block] = _share(seen.sum(axis=1), in_front.sum(axis=1), rays, options.estimator)
+    values = np.empty(len(positions))
+    chunk_size = max(1, _RAYS_PER_CHUNK // rays)
+    for start in range(0, len(positions), chunk_size):
+        chunk = slice(start, start + chunk_size)
+        upward = geometric[chunk].astype(np.float32)
+        directions = _cosine_directions(normals[chunk], rays, rng)
+        above_horizon = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
+        origins = np.repeat((positions[chunk] + RAY_OFFSET * geometric[chunk]).astype(np.float32), rays, axis=0)
+        occluded = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
+        visible = above_horizon & ~occluded & ~surface.is_below_ground(directions)
+        values[chunk] = _estimate(visible.sum(axis=1), above_horizon.sum(axis=1), rays, options.estimator)
         progress.advance(len(upward))
     return values
 
 
-def _share(seen: Float64Array, in_front: Float64Array, rays: int, estimator: Estimator) -> Float64Array:
-    return seen / rays if estimator == "mean" else seen / np.maximum(in_front, 1)
+def _estimate(visible: Float64Array, above_horizon: Float64Array, rays: int, estimator: Estimator) -> Float64Array:
+    return visible / rays if estimator == "mean" else visible / np.maximum(above_horizon, 1)
 
 
-def _hemispheres(normals: Float64Array, rays: int, rng: np.random.Generator) -> Float32Array:
-    """Draw `rays` unit directions about each of m normals, (m, rays, 3), each in its cell of a square grid.
+def _cosine_directions(normals: Float64Array, rays: int, rng: np.random.Generator) -> Float32Array:
+    """Sample unit directions with density cos / pi about m normals, (m, rays, 3), stratified in a square grid.
 
-    Their density is the cosine with the normal over pi: points uniform on a disc, lifted onto the sphere.
+    Points uniform on the unit disc are projected up onto the hemisphere (Malley's method).
     """
     side = math.isqrt(rays)
     ring, sector = np.divmod(np.arange(rays, dtype=np.float32), np.float32(side))
-    height = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)  # 1 - cos^2
-    turn = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
-    radius = np.sqrt(height)
-    frames = np.stack([*orthonormal_basis(normals), normals], axis=1)
-    local = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(np.maximum(1 - height, 0))], axis=2)
-    directions: Float32Array = np.matmul(local, frames.astype(np.float32))
+    sin_squared = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)
+    azimuth = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
+    radius = np.sqrt(sin_squared)
+    bases = np.stack([*orthonormal_basis(normals), normals], axis=1)
+    cos = np.sqrt(np.maximum(1 - sin_squared, 0))
+    local = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), cos], axis=2)
+    directions: Float32Array = np.matmul(local, bases.astype(np.float32))
     return directions

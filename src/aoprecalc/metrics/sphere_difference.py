@@ -1,4 +1,4 @@
-"""How far apart two sets of spheres are, in whatever order they come."""
+"""Difference of two sphere sets, whatever the order of their spheres."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,109 +12,110 @@ from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 Spheres = tuple[Float64Array, Float64Array]
 
-_FEW = 2000  # spheres of which all pairs may be looked at
-_PARTNERS = 16  # of each of more spheres may be looked at, on average: time and memory stay small
-_FIRST_STEP = 1 / 1024  # of how far apart spheres are in their files' order
-_ROUNDING = 1 + 1e-12  # of distances that trees compare as squares
+_ALL_PAIRS_UP_TO = 2000  # spheres; for more, the number of candidate pairs is limited
+_MAX_CANDIDATES = 16  # candidate partners per sphere, on average, to bound time and memory
+_FIRST_STEP = 1 / 1024  # first increase of the search radius / maximum distance in file order
+_ROUNDING = 1 + 1e-12  # of distances, which k-d trees compare as squares
 
 
 def spheres_difference(first: Sequence[Spheres], second: Sequence[Spheres]) -> Difference:
-    """Compare sphere sets, each of one or more levels of (centers (n, 3), radii (n,)) float64, finite, n >= 1.
+    """Compare sphere sets, each with one or more levels of (centers (n, 3), radii (n,)) float64, finite, n >= 1.
 
-    Spheres of a level are paired, one to one, so that the greatest distance in a pair is as small as can be: that of
-    the centres plus the difference of the radii. The value is that distance, over the diagonal of the box around the
-    spheres of both sets, of the level where it is greatest.
+    The spheres of a level are paired one to one so that the maximum distance of a pair is minimal (a bottleneck
+    matching). The distance of two spheres is the distance of their centres + the difference of their radii. The value
+    is the maximum over all levels of that distance / the bounding box diagonal of both sets.
     """
     counts = [[len(radii) for _, radii in levels] for levels in (first, second)]
     if counts[0] != counts[1]:
-        one, other = (", ".join(map(str, count)) for count in counts)
-        return incomparable(f"they have {one} and {other} spheres", spheres=counts)
-    levels = [_level(one, other) for one, other in zip(first, second, strict=True)]
+        texts = (", ".join(map(str, count)) for count in counts)
+        return incomparable(f"they have {' and '.join(texts)} spheres", spheres=counts)
+    levels = [_level_difference(a, b) for a, b in zip(first, second, strict=True)]
     value, center, radius, _ = max(levels)
-    said = ("too many spheres could belong together; they are compared in their files' order",)
+    warnings: tuple[str, ...] = ()
+    if any(in_file_order for *_, in_file_order in levels):
+        warnings = ("too many spheres have several possible partners; spheres are compared in file order instead",)
     details = {"spheres": counts[0], "center": rounded(center), "radius": rounded(radius)}
-    return Difference(
-        value, equal=value == 0, details=details, warnings=said if any(level[3] for level in levels) else ()
-    )
+    return Difference(value, equal=value == 0, details=details, warnings=warnings)
 
 
-def _level(first: Spheres, second: Spheres) -> tuple[float, float, float, bool]:
+def _level_difference(first: Spheres, second: Spheres) -> tuple[float, float, float, bool]:
     """Compare one level.
 
-    Returns the greatest distance in a pair and the greatest of its two parts, each over the diagonal, and whether the
-    pairs are those of the files' order because there are too many others.
+    Returns the maximum distance, the maximum distance of centres and the maximum difference of radii over all pairs,
+    each / bounding box diagonal, and whether spheres were paired in file order because there are too many candidates.
     """
-    one, other = scaled_to_unit(np.column_stack(first), np.column_stack(second))
-    if np.array_equal(one, other):
+    a, b = scaled_to_unit(np.column_stack(first), np.column_stack(second))
+    if np.array_equal(a, b):
         return 0.0, 0.0, 0.0, False
-    box = [spheres[:, :3] + sign * spheres[:, 3:] for spheres in (one, other) for sign in (-1, 1)]
-    size = bounding_diagonal(np.concatenate(box))
-    partners, ordered = _pairs(one, other)
-    centers, radii = _parts(one, other[partners])
-    return float((centers + radii).max() / size), float(centers.max() / size), float(radii.max() / size), ordered
+    boxes = [spheres[:, :3] + sign * spheres[:, 3:] for spheres in (a, b) for sign in (-1, 1)]
+    size = bounding_diagonal(np.concatenate(boxes))
+    partners, in_file_order = _pair_up(a, b)
+    centers, radii = _center_radius_distances(a, b[partners])
+    return float((centers + radii).max() / size), float(centers.max() / size), float(radii.max() / size), in_file_order
 
 
-def _pairs(first: Float64Array, second: Float64Array) -> tuple[Int32Array, bool]:
-    """Give each of the first spheres, (n, 4), its own of the second so that the greatest distance is least.
+def _pair_up(first: Float64Array, second: Float64Array) -> tuple[Int32Array, bool]:
+    """Assign each first sphere, (n, 4), a partner among the second so that the maximum distance is minimal.
 
-    Returns (n,) numbers, and whether they had to be the files' order: many spheres, far from all others, have too many
-    possible partners.
+    Returns (n,) indices, and whether they are in file order because large sets far apart have too many candidates.
     """
     count = len(first)
-    limit = count**2 if count <= _FEW else _PARTNERS * count
-    order = np.arange(count, dtype=np.int32)
-    most = float(_distances(first, second).max())
+    max_candidates = count**2 if count <= _ALL_PAIRS_UP_TO else _MAX_CANDIDATES * count
+    file_order = np.arange(count, dtype=np.int32)
+    max_distance = float(_distances(first, second).max())
     trees = cKDTree(first), cKDTree(second)
-    for reach in _reaches(*trees, most):
-        if trees[0].count_neighbors(trees[1], reach) > limit:
-            return order, True
-        near = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
-        # as a crow flies in four dimensions, so no pair is missing: the distance meant here is never shorter
-        one, other = near["i"], near["j"]
-        distances = _distances(first[one], second[other])
-        found = _matching(one, other, distances <= reach, count)
-        if found is not None:
-            return _least(one, other, distances, found, reach), False
-    return order, False
+    for radius in _search_radii(*trees, max_distance):
+        if trees[0].count_neighbors(trees[1], radius) > max_candidates:
+            return file_order, True
+        # The Euclidean distance in four dimensions is never greater than ours, so no candidate is missing.
+        near = trees[0].sparse_distance_matrix(trees[1], radius, output_type="ndarray")
+        i, j = near["i"], near["j"]
+        distances = _distances(first[i], second[j])
+        partners = _matching(i, j, distances <= radius, count)
+        if partners is not None:
+            return _bottleneck_matching(i, j, distances, partners, radius), False
+    return file_order, False
 
 
-def _reaches(first: cKDTree, second: cKDTree, most: float) -> Iterator[float]:
-    """Yield ever greater distances within which to look for pairs, from the least that is possible up to `most`."""
-    reach = max(tree.query(points)[0].max() for tree, points in ((first, second.data), (second, first.data)))
-    while reach < most:
-        yield float(reach) * _ROUNDING
-        reach = max(2 * reach, _FIRST_STEP * most)
-    yield most * _ROUNDING
+def _search_radii(first: cKDTree, second: cKDTree, max_distance: float) -> Iterator[float]:
+    """Yield increasing search radii, from the least that may allow a matching to `max_distance`."""
+    radius = max(tree.query(points)[0].max() for tree, points in ((first, second.data), (second, first.data)))
+    while radius < max_distance:
+        yield float(radius) * _ROUNDING
+        radius = max(2 * radius, _FIRST_STEP * max_distance)
+    yield max_distance * _ROUNDING
 
 
-def _least(one: Int32Array, other: Int32Array, distances: Float64Array, found: Int32Array, reach: float) -> Int32Array:
-    """Return the pairs of least greatest distance, given some of at most `reach`."""
-    steps = np.unique(distances[distances <= reach])
-    low, high = 0, len(steps) - 1  # the pairs of steps[high] are known
+def _bottleneck_matching(
+    i: Int32Array, j: Int32Array, distances: Float64Array, partners: Int32Array, radius: float
+) -> Int32Array:
+    """Return the partners of least maximum distance by bisection, given partners within `radius`."""
+    candidates = np.unique(distances[distances <= radius])
+    low, high = 0, len(candidates) - 1  # partners within candidates[high] are known
     while low < high:
         middle = (low + high) // 2
-        better = _matching(one, other, distances <= steps[middle], len(found))
+        better = _matching(i, j, distances <= candidates[middle], len(partners))
         if better is None:
             low = middle + 1
         else:
-            high, found = middle, better
-    return found
+            high, partners = middle, better
+    return partners
 
 
-def _matching(one: Int32Array, other: Int32Array, allowed: BoolArray, count: int) -> Int32Array | None:
-    """Return a partner for each of `count` spheres, each its own, among the allowed pairs; None where there is none."""
-    pairs = csr_array((allowed[allowed], (one[allowed], other[allowed])), shape=(count, count))
-    found: Int32Array = maximum_bipartite_matching(pairs, perm_type="column")
-    return None if (found < 0).any() else found
+def _matching(i: Int32Array, j: Int32Array, allowed: BoolArray, count: int) -> Int32Array | None:
+    """Return a perfect matching of `count` spheres by the allowed pairs, (count,) partners; None if none exists."""
+    pairs = csr_array((allowed[allowed], (i[allowed], j[allowed])), shape=(count, count))
+    partners: Int32Array = maximum_bipartite_matching(pairs, perm_type="column")
+    return None if (partners < 0).any() else partners
 
 
 def _distances(first: Float64Array, second: Float64Array) -> Float64Array:
-    centers, radii = _parts(first, second)
+    centers, radii = _center_radius_distances(first, second)
     distances: Float64Array = centers + radii
     return distances
 
 
-def _parts(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return how far centres are apart, and radii, of (n, 4) spheres."""
-    apart = second - first
-    return np.linalg.norm(apart[:, :3], axis=1), np.abs(apart[:, 3])
+def _center_radius_distances(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the distances of centres and the absolute differences of radii of spheres, (n, 4) each."""
+    offsets = second - first
+    return np.linalg.norm(offsets[:, :3], axis=1), np.abs(offsets[:, 3])
