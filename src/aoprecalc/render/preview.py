@@ -1,4 +1,7 @@
-"""A broad light from above: how it falls on surfaces, and the soft shadow that it casts on the ground; y points up."""
+"""Previews: a mesh beside sphere sets, each with its soft shadow on the ground, by one camera and one area light.
+
+The light is a set of directions around its centre. y points up.
+"""
 
 from collections.abc import Callable
 from typing import Literal
@@ -8,102 +11,40 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.render.comparison import Picture
 from aoprecalc.render.rasterizer import Camera, GBuffer, rasterize_mesh, rasterize_spheres
 from aoprecalc.spheres.sampling import NormalizedFrame
 from aoprecalc.spheres.silhouettes import Views, mesh_silhouettes, spheres_per_pixel
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, orthonormal_basis
 
-LIGHT_DIRECTION = np.array([-0.44, 1.0, 0.06]) / np.linalg.norm([-0.44, 1.0, 0.06])  # towards the middle of the light
-_DIRECTIONS, _WIDEST = 64, np.radians(20)  # of the light, and how far they are from its middle
-_EVENNESS = 0.6  # 0.5 would spread them evenly over a disc; more draws them together, so that the shadow fades out
-_SIZE = 400  # pixels a side of the silhouettes that are cast
-_BLUR = 0.016  # units: hides that the light has so many parts and no more
-_KEY, _SKY, _BOUNCE = 0.78, 0.36, 0.16  # strength of the light, of the sky, and of what the ground gives back
+LIGHT_DIRECTION = np.array([-0.44, 1.0, 0.06]) / np.linalg.norm([-0.44, 1.0, 0.06])  # towards the light's centre
+_LIGHT_SAMPLES, _LIGHT_RADIUS = 64, np.radians(20)
+_CONCENTRATION = 0.6  # 0.5 is uniform on a disc; larger concentrates samples at the centre and fades the penumbra
+_SHADOW_RESOLUTION = 400  # pixels per side of the silhouettes that cast shadows
+_BLUR = 0.016  # units: hides the steps between light samples
+_KEY, _SKY, _BOUNCE = 0.78, 0.36, 0.16  # intensity of the light, of the sky and of the light reflected by the ground
 
-Silhouettes = Callable[[Views], BoolArray]
+_SUPERSAMPLING = 3  # per axis
+_PAPER = np.array([0.93, 0.93, 0.915])  # linear, as all colours here
+_MESH_COLOR, _SPHERE_COLOR = np.array([0.66, 0.59, 0.50]), np.array([0.42, 0.54, 0.66])
+_SHADOW_ABSORPTION = np.array([0.80, 0.77, 0.71])  # fraction of the paper's colour that full shadow removes
+_GROUND_TOLERANCE = 1e-6  # normalised: surfaces this far below the ground are visible
 
-
-def light_directions() -> Float64Array:
-    """Return unit vectors towards all parts of the light, (64, 3)."""
-    index = np.arange(_DIRECTIONS)
-    aside = _WIDEST * ((index + 0.5) / _DIRECTIONS) ** _EVENNESS
-    angle = 2 * np.pi * (index * INV_GOLDEN_RATIO % 1.0)
-    across, upward = (side[0] for side in orthonormal_basis(LIGHT_DIRECTION[None]))
-    around = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * upward
-    found: Float64Array = np.sin(aside)[:, None] * around + np.cos(aside)[:, None] * LIGHT_DIRECTION
-    return found
-
-
-def outer() -> Float64Array:
-    """Return unit vectors towards the outer parts of the light, all around, (16, 3): beyond hardly any shadow falls."""
-    return light_directions()[-32:-16]
-
-
-def shade(normals: Float64Array) -> Float64Array:
-    """Return how bright a white surface with unit normals, (..., 3), is: (...,), about 0.1 to 1, linear."""
-    upward = normals[..., 1]
-    facing = normals @ LIGHT_DIRECTION
-    softened = np.sin(_WIDEST)  # the light's edge still reaches a surface that has turned away from its middle
-    key = np.where(facing > softened, facing, np.maximum(facing + softened, 0) ** 2 / (4 * softened))
-    bright: Float64Array = _KEY * key + _SKY * (0.5 + 0.5 * upward) + _BOUNCE * (0.5 - 0.5 * upward)
-    return bright
-
-
-def mesh_caster(positions: Float64Array, faces: Int32Array) -> Silhouettes:
-    """Return what draws the silhouettes of (f, 3) faces over (v, 3) positions."""
-    return lambda seen: mesh_silhouettes(positions, faces, seen)
-
-
-def sphere_caster(centers: Float64Array, radii: Float64Array) -> Silhouettes:
-    """Return what draws the silhouettes of spheres, (n, 3) and (n,)."""
-    return lambda seen: spheres_per_pixel(centers, radii, seen) > 0
-
-
-def ground_shadow(caster: Silhouettes, reach: float, level: float, camera: Camera) -> Float32Array:
-    """Return the share of the light that is kept from the plane y = `level` at each pixel, (height, width) in [0, 1].
-
-    reach   > 0: nothing that casts shadows is farther from the origin
-
-    A place of the ground has no light from a direction if it lies in the silhouette that is seen from there.
-    """
-    ground = camera.unproject(camera.ground_view_z(level)).reshape(-1, 3)
-    across, upward = orthonormal_basis(light_directions())
-    seen = Views(across, upward, 1.01 * reach, _SIZE)
-    kept = np.zeros(len(ground), np.float32)
-    for number in range(len(seen)):
-        view = seen[number : number + 1]
-        mask = caster(view)[0]
-        column, row = (np.floor(side[0]).astype(np.int64) for side in view.project(ground))
-        inside = (column >= 0) & (column < _SIZE) & (row >= 0) & (row < _SIZE)
-        kept[inside] += mask[row[inside], column[inside]]
-    share = (kept / len(seen)).reshape(camera.height, camera.width)
-    blur = _BLUR * camera.scale
-    blurred: Float32Array = gaussian_filter(share, (blur * camera.axes[2, 1], blur), mode="nearest")
-    return blurred
-
-
-# Side by side: a mesh with its shadow, and spheres with theirs, seen by the same camera in the same light.
-
-Picture = NDArray[np.uint8]
+SilhouetteFunction = Callable[[Views], BoolArray]  # returns masks, (d, resolution, resolution)
 Spheres = tuple[Float64Array, Float64Array]
 Up = Literal["y", "z"]
-
-_FINER = 3  # pixels are drawn as squares of as many a side, and averaged
-_PAPER = np.array([0.93, 0.93, 0.915])  # linear, as all colours here
-_STONE, _BLUE = np.array([0.66, 0.59, 0.50]), np.array([0.42, 0.54, 0.66])
-_DARKEST = np.array([0.80, 0.77, 0.71])  # share of the paper's colours that the deepest shadow takes away
-_SUNK = 1e-6  # in the frame: what is as far below the ground is still seen
 
 
 def preview_image(
     scene: Scene, centers: Float64Array, radii: Float64Array, size: tuple[int, int] = (1200, 480), up: Up = "y"
 ) -> Picture:
-    """Draw a mesh, on the left, and spheres, (n, 3) and (n,) in its coordinates, on the right.
+    """Draw a mesh on the left and spheres, (n, 3) and (n,) in its coordinates, on the right.
 
     size   width and height in pixels, at least 2 x 1
     up     the mesh's upward axis, y or z
-    Returns (height, width, 3) uint8, sRGB, the first row on top. The same input gives the same picture.
+
+    Returns (height, width, 3) uint8, sRGB, row 0 on top. The same input gives the same picture.
     """
     width, height = size
     left = width // 2
@@ -114,55 +55,112 @@ def preview_image(
 def preview_panels(
     scene: Scene, sets: list[Spheres], size: tuple[int, int] = (600, 480), up: Up = "y"
 ) -> list[Picture]:
-    """Draw a mesh, then each of several sets of spheres, all seen alike; arguments as of `spheres_picture`.
+    """Draw a mesh, then each sphere set, with the same camera and light; arguments as for `preview_image`.
 
     Returns 1 + len(sets) pictures, (height, width, 3) uint8 each, of width and height `size`.
     """
     frame = NormalizedFrame.from_positions(scene.positions)
-    positions = _y_up(frame.to_normalized(scene.positions), up)
-    placed = [(_y_up(frame.to_normalized(centers), up), radii / frame.scale) for centers, radii in sets]
-    level = float(positions[:, 1].min())
-    camera = Camera.framing(_framed(positions, placed, level), *size)
+    positions = _to_y_up(frame.to_normalized(scene.positions), up)
+    normalized_sets = [(_to_y_up(frame.to_normalized(centers), up), radii / frame.scale) for centers, radii in sets]
+    ground = float(positions[:, 1].min())
+    camera = Camera.framing(_points_to_frame(positions, normalized_sets, ground), *size)
 
-    normals = _y_up(shading_normals(scene), up)
-    seen = rasterize_mesh(positions[scene.faces], normals, camera.supersampled(_FINER))
-    reach = float(np.linalg.norm(positions, axis=1).max())
-    shadow = ground_shadow(mesh_caster(positions, scene.faces), reach, level, camera)
-    panels = [_painted(seen, shadow, level, camera, _STONE)]
-    for centers, radii in placed:
-        seen = rasterize_spheres(centers, radii, camera.supersampled(_FINER))
-        reach = float((np.linalg.norm(centers, axis=1) + radii).max()) or 1.0
-        shadow = ground_shadow(sphere_caster(centers, radii), reach, level, camera)
-        panels.append(_painted(seen, shadow, level, camera, _BLUE))
+    normals = _to_y_up(shading_normals(scene), up)
+    surface = rasterize_mesh(positions[scene.faces], normals, camera.supersampled(_SUPERSAMPLING))
+    max_distance = float(np.linalg.norm(positions, axis=1).max())
+    shadow = ground_shadow(mesh_caster(positions, scene.faces), max_distance, ground, camera)
+    panels = [_shaded_picture(surface, shadow, ground, camera, _MESH_COLOR)]
+    for centers, radii in normalized_sets:
+        surface = rasterize_spheres(centers, radii, camera.supersampled(_SUPERSAMPLING))
+        max_distance = float((np.linalg.norm(centers, axis=1) + radii).max()) or 1.0
+        shadow = ground_shadow(sphere_caster(centers, radii), max_distance, ground, camera)
+        panels.append(_shaded_picture(surface, shadow, ground, camera, _SPHERE_COLOR))
     return panels
 
 
-def _y_up(vectors: NDArray[np.floating], up: Up) -> Float64Array:
-    """Turn vectors, (..., 3), so that y points up."""
-    turned = vectors if up == "y" else np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
-    return turned.astype(np.float64)
+def light_directions() -> Float64Array:
+    """Return unit vectors towards samples of the light, (64, 3), from its centre outwards."""
+    index = np.arange(_LIGHT_SAMPLES)
+    theta = _LIGHT_RADIUS * ((index + 0.5) / _LIGHT_SAMPLES) ** _CONCENTRATION
+    phi = 2 * np.pi * (index * INV_GOLDEN_RATIO % 1.0)
+    across, upward = (axis[0] for axis in orthonormal_basis(LIGHT_DIRECTION[None]))
+    radial = np.cos(phi)[:, None] * across + np.sin(phi)[:, None] * upward
+    directions: Float64Array = np.sin(theta)[:, None] * radial + np.cos(theta)[:, None] * LIGHT_DIRECTION
+    return directions
 
 
-def _framed(positions: Float64Array, sets: list[Spheres], level: float) -> Float64Array:
-    """Points, (k, 3), around which all is seen: the mesh, the spheres' boxes above the ground, and their shadows."""
+def shade(normals: Float64Array) -> Float64Array:
+    """Return the linear brightness of a white surface with unit normals, (..., 3); (...,), about 0.1 to 1."""
+    upward = normals[..., 1]
+    cos = normals @ LIGHT_DIRECTION
+    wrap = np.sin(_LIGHT_RADIUS)  # the light's edge still reaches a surface that faces away from its centre
+    key = np.where(cos > wrap, cos, np.maximum(cos + wrap, 0) ** 2 / (4 * wrap))
+    brightness: Float64Array = _KEY * key + _SKY * (0.5 + 0.5 * upward) + _BOUNCE * (0.5 - 0.5 * upward)
+    return brightness
+
+
+def mesh_caster(positions: Float64Array, faces: Int32Array) -> SilhouetteFunction:
+    """Return the silhouette function of (f, 3) faces over (v, 3) positions."""
+    return lambda views: mesh_silhouettes(positions, faces, views)
+
+
+def sphere_caster(centers: Float64Array, radii: Float64Array) -> SilhouetteFunction:
+    """Return the silhouette function of spheres, (n, 3) and (n,)."""
+    return lambda views: spheres_per_pixel(centers, radii, views) > 0
+
+
+def ground_shadow(caster: SilhouetteFunction, max_distance: float, ground: float, camera: Camera) -> Float32Array:
+    """Compute the occluded fraction of the light on the plane y = `ground` at each pixel, (height, width) in [0, 1].
+
+    max_distance   of any part of the caster from the origin, > 0
+
+    A point of the ground is in the shadow of a light direction if it projects into the silhouette seen from there.
+    """
+    points = camera.unproject(camera.ground_view_z(ground)).reshape(-1, 3)
+    across, upward = orthonormal_basis(light_directions())
+    views = Views(across, upward, 1.01 * max_distance, _SHADOW_RESOLUTION)
+    occluded = np.zeros(len(points), np.float32)
+    for index in range(len(views)):
+        view = views[index : index + 1]
+        mask = caster(view)[0]
+        column, row = (np.floor(axis[0]).astype(np.int64) for axis in view.project(points))
+        inside = (column >= 0) & (column < _SHADOW_RESOLUTION) & (row >= 0) & (row < _SHADOW_RESOLUTION)
+        occluded[inside] += mask[row[inside], column[inside]]
+    fraction = (occluded / len(views)).reshape(camera.height, camera.width)
+    blur = _BLUR * camera.pixels_per_unit
+    blurred: Float32Array = gaussian_filter(fraction, (blur * camera.axes[2, 1], blur), mode="nearest")
+    return blurred
+
+
+def _to_y_up(vectors: NDArray[np.floating], up: Up) -> Float64Array:
+    """Rotate vectors, (..., 3), so that y points up."""
+    rotated = vectors if up == "y" else np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
+    return rotated.astype(np.float64)
+
+
+def _points_to_frame(positions: Float64Array, sets: list[Spheres], ground: float) -> Float64Array:
+    """Return points, (k, 3), that bound the mesh, the spheres above the ground, and their shadows."""
     corners = [positions]
     for centers, radii in sets:
         for signs in np.ndindex(2, 2, 2):
             corners.append(centers + radii[:, None] * (2 * np.array(signs) - 1))
     points = np.concatenate(corners)
-    points[:, 1] = np.maximum(points[:, 1], level)
-    height = points[:, 1:2] - level
-    return np.concatenate([points, *(points - light * (height / light[1]) for light in outer())])
+    points[:, 1] = np.maximum(points[:, 1], ground)
+    height = points[:, 1:2] - ground
+    outer_directions = light_directions()[-32:-16]  # outside these there is hardly any shadow
+    return np.concatenate([points, *(points - light * (height / light[1]) for light in outer_directions)])
 
 
-def _painted(seen: GBuffer, shadow: Float32Array, level: float, camera: Camera, color: Float64Array) -> Picture:
-    """Colour what is seen, finer than the shadow of the ground, (height, width), and average it to the same size."""
-    finer = camera.supersampled(_FINER)
-    paper = _PAPER * (1 - _DARKEST * shadow[..., None].astype(np.float64))
-    paper = paper.repeat(_FINER, axis=0).repeat(_FINER, axis=1)
-    above = seen.mask & (seen.view_z >= finer.ground_view_z(level) - _SUNK / finer.axes[2, 1])
-    fine = np.where(above[..., None], color * shade(seen.normals)[..., None], paper)
-    linear = fine.reshape(camera.height, _FINER, camera.width, _FINER, 3).mean(axis=(1, 3))
-    encoded = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-    picture: Picture = np.clip(255 * encoded + 0.5, 0, 255).astype(np.uint8)
+def _shaded_picture(
+    surface: GBuffer, shadow: Float32Array, ground: float, camera: Camera, color: Float64Array
+) -> Picture:
+    """Composite a supersampled surface over the ground with its shadow, (height, width), and average to that size."""
+    fine = camera.supersampled(_SUPERSAMPLING)
+    paper = _PAPER * (1 - _SHADOW_ABSORPTION * shadow[..., None].astype(np.float64))
+    paper = paper.repeat(_SUPERSAMPLING, axis=0).repeat(_SUPERSAMPLING, axis=1)
+    above_ground = surface.mask & (surface.view_z >= fine.ground_view_z(ground) - _GROUND_TOLERANCE / fine.axes[2, 1])
+    colors = np.where(above_ground[..., None], color * shade(surface.normals)[..., None], paper)
+    linear = colors.reshape(camera.height, _SUPERSAMPLING, camera.width, _SUPERSAMPLING, 3).mean(axis=(1, 3))
+    srgb = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
+    picture: Picture = np.clip(255 * srgb + 0.5, 0, 255).astype(np.uint8)
     return picture
