@@ -79,7 +79,7 @@ def test_a_pattern_that_fits_nothing_is_an_error(pattern, here):
     (here / "empty").mkdir()
     message, code = said(plan_batch, ["rock.obj", pattern], "../out", None)
     assert code == 4
-    assert message.startswith(f"{pattern}: fits no mesh, one of .obj, ")
+    assert message.startswith(f"{pattern}: matches no mesh; one of .obj, ")
 
 
 ALIKE = {
@@ -155,7 +155,7 @@ def test_not_even_where_a_shell_has_named_them(tmp_path, monkeypatch, crew):
     assert statuses(batch(named, ".", bake=BAKE)) == {"ring": "unchanged"}
     message, code = said(plan_batch, ["ring_ao.obj"], ".", None)
     assert code == 4
-    assert message.startswith("ring_ao.obj: made by a batch, ")
+    assert message.startswith("ring_ao.obj: matches only outputs of batches, ")
 
 
 @pytest.mark.parametrize("folder", ["in/props/made", "in/props", "in"])
@@ -219,4 +219,4 @@ def test_what_is_no_mesh_is_refused_before_any_work(here):
     (here / "wood.png").touch()
     message, code = said(plan_batch, ["wood.png"], "../out", None)
     assert code == 4
-    assert message.startswith("wood.png: fits no mesh")
+    assert message.startswith("wood.png: matches no mesh")

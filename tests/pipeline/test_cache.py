@@ -167,7 +167,7 @@ def test_usage_is_what_it_holds(full):
 
 
 @pytest.mark.parametrize(
-    ("most", "age", "kept"),
+    ("max_bytes", "max_age", "kept"),
     [
         (None, None, [0, 1, 2, 3]),
         (10_000, None, [0, 1, 2, 3]),
@@ -180,9 +180,9 @@ def test_usage_is_what_it_holds(full):
         (10_000, 30 * 86400, [1, 2, 3]),
     ],
 )
-def test_the_longest_unused_goes_first(most, age, kept, full):
+def test_the_longest_unused_goes_first(max_bytes, max_age, kept, full):
     before = full.usage()
-    removed = full.prune(most, age)
+    removed = full.prune(max_bytes, max_age)
     assert left(full) == kept
     assert removed.entries == 4 - len(kept)
     assert full.usage().bytes == before.bytes - removed.bytes
@@ -190,16 +190,16 @@ def test_the_longest_unused_goes_first(most, age, kept, full):
 
 def test_a_use_counts(full, staging):
     assert full.get(key(0), staging) is not None
-    full.prune(most=2500)
+    full.prune(max_bytes=2500)
     assert left(full) == [0, 3]
 
 
 def test_damaged_entries_are_pruned_before_others(full):
     (entry_of(full, 3) / "result.json").unlink()
-    full.prune(most=3500)
+    full.prune(max_bytes=3500)
     assert left(full) == [0, 1, 2]
     shutil.rmtree(entry_of(full, 2) / "files")
-    full.prune(most=0)
+    full.prune(max_bytes=0)
     assert full.usage().entries == 0
     assert left(full) == []
 

@@ -153,7 +153,7 @@ def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
 @pytest.mark.slow
 def test_a_cluster_that_is_lost_fails_what_it_had(meshes, tmp_path, monkeypatch):
     """The scheduler and the worker die of SIGKILL while a bake is under way; each asset still has its outcome."""
-    monkeypatch.setattr(workers, "_PATIENCE", 3)
+    monkeypatch.setattr(workers, "_CLUSTER_TIMEOUT", 3)
     file = tmp_path / "scheduler.json"
 
     def dask(module, *words):
@@ -211,7 +211,7 @@ def test_a_batch_leaves_no_process_on_the_workers(two_workers, meshes, tmp_path)
 @pytest.mark.slow
 def test_a_batch_that_died_leaves_none_for_long(two_workers, meshes, tmp_path):
     def hasten():
-        remote._IDLE = 0.5
+        remote._IDLE_SECONDS = 0.5
 
     with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
         client.run(hasten)
@@ -225,7 +225,7 @@ def test_a_batch_that_died_leaves_none_for_long(two_workers, meshes, tmp_path):
 @pytest.mark.slow
 def test_a_cluster_without_workers_is_not_waited_for(meshes, tmp_path, monkeypatch):
     """The scheduler lives, the only worker dies of SIGKILL."""
-    monkeypatch.setattr(workers, "_PATIENCE", 2)
+    monkeypatch.setattr(workers, "_CLUSTER_TIMEOUT", 2)
     scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "dashboard_address": ":0", "port": 0}}
     with distributed.SpecCluster(workers={}, scheduler=scheduler, silence_logs=50) as lonely:
         words = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
@@ -238,9 +238,9 @@ def test_a_cluster_without_workers_is_not_waited_for(meshes, tmp_path, monkeypat
                     super().end(result)
                     worker.kill()
 
-            monkeypatch.setattr(workers, "_PATIENCE", 20)  # for the worker to come
+            monkeypatch.setattr(workers, "_CLUSTER_TIMEOUT", 20)  # for the worker to come
             with workers.open_client(lonely.scheduler_address):
-                monkeypatch.setattr(workers, "_PATIENCE", 2)
+                monkeypatch.setattr(workers, "_CLUSTER_TIMEOUT", 2)
             progress = Kills()
             on(lonely, meshes, tmp_path, progress=progress)
         finally:
@@ -257,7 +257,7 @@ def test_an_address_that_is_none_is_refused_at_once(meshes, tmp_path):
 
 
 def test_an_address_without_a_cluster_is_one_line(meshes, tmp_path, monkeypatch):
-    monkeypatch.setattr(workers, "_PATIENCE", 0.5)
+    monkeypatch.setattr(workers, "_CLUSTER_TIMEOUT", 0.5)
     options = BatchOptions(scheduler="tcp://127.0.0.1:9")
     with pytest.raises(AoprecalcError, match="no cluster with workers answers there") as failure:
         batch(meshes, tmp_path, bake=BAKE, options=options)
@@ -275,7 +275,7 @@ class FakeClient:
 
     def __init__(self, **place):
         self.place = WorkerInfo(
-            **{"version": workers.__version__, "host": "far", "cores": 8, "gpus": 0, "sees": True, **place}
+            **{"version": workers.__version__, "host": "far", "cores": 8, "gpus": 0, "sees_folder": True, **place}
         )
 
     def run(self, function, *words):
@@ -295,7 +295,7 @@ def test_jobs_share_the_cores_of_their_machine():
 
 
 def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
-    crew = workers.DaskPool(FakeClient(sees=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
+    crew = workers.DaskPool(FakeClient(sees_folder=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
     with pytest.raises(AoprecalcError, match="not all workers see"):
         next(crew.run([FakeJob(tmp_path)]))
 

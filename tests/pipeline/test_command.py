@@ -150,7 +150,7 @@ def test_nasty_input_costs_itself_alone(here, crew, command):
 USAGE = {
     "no pattern": ([], 2, "PATTERN"),
     "no output": (["in"], 2, "no output folder was given; name one with -o"),
-    "a pattern that fits nothing": (["*.stl", "-o", "out"], 4, "*.stl: fits no mesh"),
+    "a pattern that fits nothing": (["*.stl", "-o", "out"], 4, "*.stl: matches no mesh"),
     "an option of bake": (["in", "-o", "out", "--size", "64"], 2, "--size is an option of bake; write --bake"),
     "an option of spheres": (["in", "-o", "out", "--radius", "mean"], 2, "--radius is an option of spheres"),
     "an option of none": (["in", "-o", "out", "--sise", "64"], 2, "No such option"),
@@ -382,7 +382,7 @@ def test_what_is_pruned_is_told(here, command):
     assert command("batch", "in", "-o", "out", *SMALL_SPHERES).returncode == 0
     done = command("batch", "in/a.obj", "-o", "out", *SMALL_SPHERES, "--prune")
     assert done.returncode == 0
-    assert "removed what was made of props/b, which is not among these assets any more" in done.stderr
+    assert "removed the outputs of props/b, which is not among the assets any more" in done.stderr
     assert list(contents(here / "out")) == ["a_spheres.json"]
     assert not (here / "out/props").exists()
 

@@ -228,25 +228,25 @@ def test_the_name_of_the_output_folder_does_not_matter():
 def test_a_file_is_trusted_by_its_times_once_they_are_old_enough(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_bytes(b"one")
-    assert not FileStamp.of(file).is_now(file)  # it might be changed again within the same tick of the clock
-    assert FileStamp.of(file, certain=True).is_now(file)
+    assert not FileStamp.of(file).matches(file)  # it might be changed again within the same tick of the clock
+    assert FileStamp.of(file, is_final=True).matches(file)
     os.utime(file, ns=(10**18, 10**18))
-    assert not FileStamp.of(file).is_now(file)  # anyone can say that; the system's own time is that of now
-    monkeypatch.setattr(inputs, "_TICK", -(10**12))
+    assert not FileStamp.of(file).matches(file)  # anyone can say that; the system's own time is that of now
+    monkeypatch.setattr(inputs, "_TIMESTAMP_RESOLUTION", -(10**12))
     stamp = FileStamp.of(file)
-    assert stamp.is_now(file)
+    assert stamp.matches(file)
     os.utime(file, ns=(10**18, 10**18 + 1))
-    assert not stamp.is_now(file)
+    assert not stamp.matches(file)
     file.write_bytes(b"four")
     os.utime(file, ns=(10**18, 10**18))
-    assert not stamp.is_now(file)
+    assert not stamp.matches(file)
     file.unlink()
-    assert not stamp.is_now(file)
+    assert not stamp.matches(file)
 
 
 def test_a_file_that_is_missing_is_known_as_that(tmp_path):
     stamp = FileStamp.of(tmp_path / "file")
     assert stamp == FileStamp(-1, None, "")
-    assert stamp.is_now(tmp_path / "file")
+    assert stamp.matches(tmp_path / "file")
     (tmp_path / "file").write_bytes(b"")
-    assert not stamp.is_now(tmp_path / "file")
+    assert not stamp.matches(tmp_path / "file")

@@ -222,7 +222,7 @@ WRONG = {
     "no output": ('inputs = "*.obj"\nbake = true\n', 2, 'names no output folder; add output = "build"'),
     "no inputs": ('output = "out"\nbake = true\n', 4, "names no meshes"),
     "all left out": (f'{GOOD}bake = true\nexclude = "*"\n', 4, "leaves out all meshes"),
-    "a pattern that fits nothing": ('inputs = "*.stl"\noutput = "out"\nbake = true\n', 4, "*.stl: fits no mesh"),
+    "a pattern that fits nothing": ('inputs = "*.stl"\noutput = "out"\nbake = true\n', 4, "*.stl: matches no mesh"),
     "an unknown key": (f"{GOOD}bake = true\njobs = 4\n", 2, ".toml: jobs is not known; expected one of bake"),
     "an unknown key of an override": (
         f'{GOOD}bake = true\n[[override]]\nmatch = "*"\nname = "x"\n', 2, ".toml: override[0].name is not known;"

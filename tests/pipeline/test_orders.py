@@ -16,7 +16,7 @@ from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.options.fields import as_words, option_field
 from aoprecalc.pipeline.jobs import Asset, JobSpec
 from aoprecalc.pipeline.option_tables import Tables, arguments_of, convert, make_job_spec
-from aoprecalc.pipeline.report import AssetResult, commands
+from aoprecalc.pipeline.report import AssetResult, reproduce_commands
 from pipeline.helpers import BAKE, SPHERES, said
 
 # What people write -> what it means, where these are not the same.
@@ -213,7 +213,9 @@ def test_a_memory_limit_of_any_amount_is_one_that_the_command_takes(limit):
 @pytest.mark.parametrize("mesh", ["rock.obj", "-rock.obj", "a folder/it's.obj"])
 def test_the_commands_of_a_result_make_the_same_files(mesh, tmp_path):
     spec = JobSpec(BAKE, SPHERES, texture_suffix=".exr", mesh_suffix=".glb", verify=True, spheres_suffix=".csv")
-    bake, spheres = (shlex.split(line) for line in commands(AssetResult(Asset("props/stone", mesh, spec), "made")))
+    bake, spheres = (
+        shlex.split(line) for line in reproduce_commands(AssetResult(Asset("props/stone", mesh, spec), "made"))
+    )
     given = bake_command.make_context("bake", bake[2:]).params
     assert bake[:2] == ["aoprecalc", "bake"]
     assert (given["mesh"], given["output"], given["mesh_output"]) == (mesh, "stone_ao.exr", "stone_ao.glb")

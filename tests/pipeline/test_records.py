@@ -23,7 +23,7 @@ OLD = (10**18, 10**18)  # a time that tools may give to any file
 @pytest.fixture
 def rings(tmp_path, monkeypatch):
     """Two meshes, in the present folder, whose times are trusted at once."""
-    monkeypatch.setattr(inputs, "_TICK", -(10**12))
+    monkeypatch.setattr(inputs, "_TIMESTAMP_RESOLUTION", -(10**12))
     monkeypatch.chdir(tmp_path)
     for name, minor in (("a", 0.4), ("b", 0.3)):
         os.utime(write_ring(tmp_path / f"in/{name}.obj", minor), ns=OLD)
@@ -180,7 +180,7 @@ def test_what_a_killed_batch_left_is_removed(made):
 
 def test_two_batches_do_not_write_to_one_folder(made):
     before = contents(made)
-    with StateFolder(made).held():
+    with StateFolder(made).locked():
         message, code = said(make)
     assert code == 1
     assert message == "out: another batch writes there; wait for it, or choose another -o"
@@ -283,7 +283,7 @@ def test_an_output_folder_that_cannot_be_one(place, rings, crew):
 
 def test_a_record_is_read_as_it_was_written(tmp_path):
     records = StateFolder(tmp_path / "out")
-    with records.held():
+    with records.locked():
         assert records.get("props/rock") is None
         stamp = FileStamp(7, OLD, "abcd")
         written = AssetRecord(

@@ -118,7 +118,7 @@ def batch(
     wanted = {"report": (report, ".json"), "junit": (junit, ".xml")}
     places = {name: _place(name, path, suffix) for name, (path, suffix) in wanted.items() if path is not None}
     with Outputs() as outputs:
-        outputs.protect(planned.files())
+        outputs.protect(planned.protected_files())
         outputs.folder(planned.output)
         for name, place in places.items():
             claim_output(outputs, wanted[name][0], place)

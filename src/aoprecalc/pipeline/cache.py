@@ -1,12 +1,12 @@
-"""Results by what they were made from: a folder that batches share, also those of other machines.
+"""A cache of results by their keys: a folder that batches share, also those of other machines.
 
     <folder>/v1/ab/abcd.../        an entry, under the key of its result
-        result.json                what was made
+        result.json                digests of its files, and the summary
         files/                     its files
-    <folder>/v1/new/               what is being written, or was when a batch was killed
+    <folder>/v1/new/               entries that are being written or removed
 
-An entry appears whole, by being renamed, and is never changed; so writers and readers need no lock. The time of
-result.json is that of the last use.
+An entry appears whole, by being renamed, and never changes; so readers and writers need no lock. The modification time
+of result.json is that of the last use.
 """
 
 import json
@@ -24,17 +24,17 @@ from typing import Any
 from aoprecalc.errors import OutputError
 from aoprecalc.pipeline.state import file_digest
 
-_ABANDONED = 24 * 3600  # seconds after which what is being written has no writer any more
-_FINE = 60  # seconds: no need to note each use more finely
-_SELDOM = 600  # seconds between two batches that prune, as that looks at every entry
+_ABANDONED_AFTER = 24 * 3600  # seconds after which an entry in `new` has no writer any more
+_USE_RESOLUTION = 60  # seconds: uses within it are noted once
+_PRUNE_INTERVAL = 600  # seconds between two batches that prune, as that reads every entry
 
-CACHE_TAG = "CACHEDIR.TAG"  # tells backups, and batches, that a folder holds nothing of its own (bford.info/cachedir)
+CACHE_TAG = "CACHEDIR.TAG"  # tells backup tools, and batches, to skip the folder (bford.info/cachedir)
 _TAG = "Signature: 8a477f597d28d172789f06886806bc55\n# Results of aoprecalc, which can be made again.\n"
 
 
 @dataclass(frozen=True)
 class CacheUsage:
-    """What a cache holds, or what was removed from it: entries and bytes."""
+    """The number of entries and their size in bytes."""
 
     entries: int
     bytes: int
@@ -46,47 +46,47 @@ class Cache:
     def __init__(self, folder: Path) -> None:
         """Name the folder."""
         self.folder = folder
-        self._home = folder / "v1"
+        self._root = folder / "v1"
 
     def get(self, key: str, staging: Path) -> tuple[dict[str, Path], dict[str, Any]] | None:
-        """Copy the files of a result into a folder; return name -> copy, and what was said of them.
+        """Copy the files of an entry into a folder; return their copies by name, and the summary.
 
-        None where there is no such entry, or it is going at this moment; a damaged one goes.
+        None if there is no such entry, or it is being removed. A damaged entry is removed.
         """
         entry, files = self._entry(key), dict[str, Path]()
         if not os.path.exists(entry):
             return None
         try:
-            said = json.loads((entry / "result.json").read_bytes())
-            for name, digest in said["files"].items():
+            document = json.loads((entry / "result.json").read_bytes())
+            for name, digest in document["files"].items():
                 if name != Path(name).name:
-                    raise ValueError(f"{name}: is no file of its own folder")
+                    raise ValueError(f"{name}: is in another folder")
                 files[name] = staging / f"{secrets.token_hex(6)}.{name}"
                 shutil.copyfile(entry / "files" / name, files[name])
                 if file_digest(files[name]) != digest:
-                    raise ValueError(f"{name}: holds something else")
-            summary: dict[str, Any] = said["summary"]
+                    raise ValueError(f"{name}: has another digest")
+            summary: dict[str, Any] = document["summary"]
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             for copy in files.values():
                 copy.unlink(missing_ok=True)
             if isinstance(error, FileNotFoundError) or not isinstance(error, OSError):
-                self._remove(entry)  # it is made anew
+                self._remove(entry)  # so that it is made again
             return None
-        with suppress(OSError):  # a cache that cannot be written serves, too
-            if (entry / "result.json").stat().st_mtime < time.time() - _FINE:
+        with suppress(OSError):  # a read-only cache is of use, too
+            if (entry / "result.json").stat().st_mtime < time.time() - _USE_RESOLUTION:
                 os.utime(entry / "result.json")
         return files, summary
 
     def put(self, key: str, files: Mapping[str, Path], summary: Mapping[str, Any]) -> bool:
-        """Add a result unless it is there; return whether it was added.
+        """Add an entry unless it is there; return whether it was added.
 
         files     name, without a folder -> file, which is copied
-        Raises OutputError where the folder cannot be written.
+        Raises OutputError if the folder cannot be written.
         """
         entry = self._entry(key)
         if os.path.exists(entry):
             return False
-        new = self._home / "new" / secrets.token_hex(12)
+        new = self._root / "new" / secrets.token_hex(12)
         try:
             (new / "files").mkdir(parents=True)
             if not (self.folder / CACHE_TAG).exists():
@@ -94,13 +94,13 @@ class Cache:
             for name, file in files.items():
                 shutil.copyfile(file, new / "files" / name)
             digests = {name: file_digest(file) for name, file in sorted(files.items())}
-            said = json.dumps({"files": digests, "summary": dict(summary)})
-            (new / "result.json").write_text(said, encoding="utf-8")
+            document = json.dumps({"files": digests, "summary": dict(summary)})
+            (new / "result.json").write_text(document, encoding="utf-8")
             entry.parent.mkdir(parents=True, exist_ok=True)
             os.rename(new, entry)
         except OSError as error:
             shutil.rmtree(new, ignore_errors=True)
-            if os.path.exists(entry):  # another writer was faster, with the same
+            if os.path.exists(entry):  # another writer has just added the same
                 return False
             reason = error.strerror or str(error)
             raise OutputError(
@@ -109,69 +109,69 @@ class Cache:
         return True
 
     def usage(self) -> CacheUsage:
-        """Count what it holds."""
+        """Count the entries and their bytes."""
         sizes = [size for _, _, size in self._entries()]
         return CacheUsage(len(sizes), sum(sizes))
 
-    def prune(self, most: int | None = None, age: float | None = None) -> CacheUsage:
-        """Remove what was last used more than `age` seconds ago, then the longest unused beyond `most` bytes.
+    def prune(self, max_bytes: int | None = None, max_age: float | None = None) -> CacheUsage:
+        """Remove entries unused for more than `max_age` seconds, then the longest unused beyond `max_bytes`.
 
         Returns what was removed.
         """
-        self._sweep()
+        self._remove_abandoned()
         now, kept, removed = time.time(), 0, []
         full = False
-        for used, entry, size in sorted(self._entries(), reverse=True):
-            full = full or (most is not None and kept + size > most)
-            if full or (age is not None and used < now - age):
+        for last_used, entry, size in sorted(self._entries(), reverse=True):
+            full = full or (max_bytes is not None and kept + size > max_bytes)
+            if full or (max_age is not None and last_used < now - max_age):
                 removed += [size] if self._remove(entry) else []
             else:
                 kept += size
         return CacheUsage(len(removed), sum(removed))
 
-    def tidy(self, most: int) -> None:
-        """Prune to `most` bytes, unless some batch has done so lately."""
-        pruned = self._home / "pruned"
+    def prune_sometimes(self, max_bytes: int) -> None:
+        """Prune to `max_bytes`, unless a batch has done so within the last minutes."""
+        marker = self._root / "pruned"
         with suppress(OSError):
-            if not pruned.exists() or pruned.stat().st_mtime < time.time() - _SELDOM:
-                self.prune(most)
-                pruned.touch()
+            if not marker.exists() or marker.stat().st_mtime < time.time() - _PRUNE_INTERVAL:
+                self.prune(max_bytes)
+                marker.touch()
 
     def _entry(self, key: str) -> Path:
-        return self._home / key[:2] / key
+        return self._root / key[:2] / key
 
     def _entries(self) -> Iterator[tuple[float, Path, int]]:
-        """Yield the time of its last use, the folder and the bytes of each entry; a damaged one was used long ago."""
-        for entry in self._home.glob("[0-9a-f][0-9a-f]/*"):
+        """Yield time of last use (0 if the entry is damaged), folder and bytes of each entry."""
+        for entry in self._root.glob("[0-9a-f][0-9a-f]/*"):
             result = entry / "result.json"
             try:
-                used = result.stat().st_mtime if result.exists() else 0.0
+                last_used = result.stat().st_mtime if result.exists() else 0.0
                 size = sum(file.stat().st_size for file in entry.rglob("*") if file.is_file())
-            except OSError:  # it is going at this moment
+            except OSError:  # it is being removed
                 continue
-            yield used, entry, size
+            yield last_used, entry, size
 
     def _remove(self, entry: Path) -> bool:
-        """Remove an entry: at once for those who look for it, then its files; return whether that was possible."""
-        going = self._home / "new" / secrets.token_hex(12)
+        """Remove an entry, by a rename and then file by file; return whether that was possible."""
+        removed = self._root / "new" / secrets.token_hex(12)
         try:
-            going.parent.mkdir(exist_ok=True)
-            os.rename(entry, going)
+            removed.parent.mkdir(exist_ok=True)
+            os.rename(entry, removed)
         except OSError:
             return False
-        shutil.rmtree(going, ignore_errors=True)
+        shutil.rmtree(removed, ignore_errors=True)
         return True
 
-    def _sweep(self) -> None:
-        """Remove what killed batches have left."""
-        for left in self._home.glob("new/*"):
+    def _remove_abandoned(self) -> None:
+        """Remove the unfinished entries of killed batches."""
+        for entry in self._root.glob("new/*"):
             with suppress(OSError):
-                if left.stat().st_mtime < time.time() - _ABANDONED:
-                    shutil.rmtree(left, ignore_errors=True)
+                if entry.stat().st_mtime < time.time() - _ABANDONED_AFTER:
+                    shutil.rmtree(entry, ignore_errors=True)
 
 
 def default_cache() -> Path:
-    """Return the folder of $AOPRECALC_CACHE, else aoprecalc in the user's folder for caches."""
+    """Return the folder $AOPRECALC_CACHE, or `aoprecalc` in the user's cache folder."""
     if named := os.environ.get("AOPRECALC_CACHE"):
         return Path(named)
     home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")

@@ -1,4 +1,4 @@
-"""A crew of workers on a Dask cluster."""
+"""Batches on a Dask cluster: a pool that runs jobs on its workers, and visibility that its workers share."""
 
 import logging
 import os
@@ -24,7 +24,7 @@ from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.dask_worker import (
     BatchSettings,
     WorkerInfo,
-    end,
+    end_batch,
     evaluate_remotely,
     run_in_shared_folder,
     run_on_bytes,
@@ -37,14 +37,15 @@ from aoprecalc.raster.samples import Samples
 from aoprecalc.types import Float32Array
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide, chunks
 
-_PATIENCE = 30  # seconds for a scheduler to answer, and to have a worker
-_LOOK = 1  # seconds between two looks at the workers
-_AHEAD = 2  # jobs that wait at the scheduler beyond those under way, so that no worker waits
+_CLUSTER_TIMEOUT = 30  # seconds for a scheduler to answer, and to have a worker
+_POLL_SECONDS = 1  # between two checks that there are workers
+_QUEUED_JOBS = 2  # jobs at the scheduler beyond one for each thread, so that no worker waits for the next
+_RETRY = "check its scheduler and workers, and run the same command again"
 
 
 @contextmanager
 def open_client(address: str) -> Iterator[Any]:
-    """Connect to a scheduler that has workers; raises UsageError, and AoprecalcError where none answers."""
+    """Connect to a scheduler that has workers; raises UsageError, or AoprecalcError if there are none."""
     if not re.fullmatch(r"(\w+://)?[^/\s]+:\d{1,5}", address):
         raise UsageError(f"--scheduler is {address!r}; expected an address with a port, such as tcp://host:8786")
     try:
@@ -55,139 +56,137 @@ def open_client(address: str) -> Iterator[Any]:
     log = logging.getLogger("distributed")
     with ExitStack() as stack:
         stack.callback(log.setLevel, log.level)
-        log.setLevel(logging.CRITICAL)  # what matters of it is said in our own lines
+        log.setLevel(logging.CRITICAL)  # errors are reported by our own messages
         stack.enter_context(dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}))
         try:
-            client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+            client = distributed.Client(address, timeout=_CLUSTER_TIMEOUT, set_as_default=False)
             stack.callback(client.close)
-            client.wait_for_workers(1, timeout=_PATIENCE)
+            client.wait_for_workers(1, timeout=_CLUSTER_TIMEOUT)
         except (OSError, ValueError, TimeoutError) as error:
-            reason = " ".join(str(error).split())[:160]
-            found = f"--scheduler {address}: no cluster with workers answers there ({reason})"
-            raise AoprecalcError(f"{found}; check the address, and that `dask worker` runs") from error
+            reason = _one_line(str(error), 160)
+            message = f"--scheduler {address}: no cluster with workers answers there ({reason})"
+            raise AoprecalcError(f"{message}; check the address, and that `dask worker` runs") from error
         yield client
 
 
 @contextmanager
 def open_dask_pool(options: BatchOptions) -> Iterator["DaskPool"]:
-    """Open the crew of `options.scheduler`; raises what `open_client` does."""
+    """Open a pool on the cluster of `options.scheduler`; raises what `open_client` raises."""
     assert options.scheduler is not None
     with open_client(options.scheduler) as client:
-        crew = DaskPool(client, options)
+        pool = DaskPool(client, options)
         try:
-            yield crew
+            yield pool
         finally:
-            crew.leave()
+            pool.close()
 
 
 class DaskPool:
-    """Workers of a cluster, each of whose threads has a process for the jobs that it gets."""
+    """A WorkerPool on a cluster: each thread of a Dask worker has a process for the jobs of this batch."""
 
     def __init__(self, client: Any, options: BatchOptions) -> None:
-        """Have the workers that a client knows, and those that come."""
+        """Use all workers that a Dask client has, now and later."""
         self._client, self._options = client, options
-        self._batch = secrets.token_hex(8)
+        self._batch_id = secrets.token_hex(8)
         self.threads = threads_per_job(client)
 
     def run(self, jobs: Sequence[Job]) -> Generator[JobEvent]:
-        """See Crew; the stages of jobs are not told."""
-        send = self._sender(jobs)
-        left = iter(jobs)
-        waiting = {job.name: job for job in jobs}  # that have no outcome yet
-        under_way: dict[Any, Job] = {}
+        """See WorkerPool; there are no events for the stages of jobs."""
+        submit = self._submitter(jobs)
+        unsubmitted = iter(jobs)
+        without_outcome = {job.name: job for job in jobs}
+        submitted: dict[Any, Job] = {}
         done: SimpleQueue[Any] = SimpleQueue()
         try:
-            while waiting:
+            while without_outcome:
                 try:
-                    for job in islice(left, max(0, self._slots() + _AHEAD - len(under_way))):
-                        future = send(job)
-                        under_way[future] = job
+                    for job in islice(unsubmitted, max(0, self._worker_threads() + _QUEUED_JOBS - len(submitted))):
+                        future = submit(job)
+                        submitted[future] = job
                         future.add_done_callback(done.put)
-                    future = self._next(done)
-                except Exception as error:  # whatever a client raises whose scheduler is gone
-                    for job in waiting.values():
+                    future = self._next_done(done)
+                except Exception as error:  # Dask raises errors of many kinds if the scheduler is gone
+                    for job in without_outcome.values():
                         yield JobEvent(job, outcome=_lost(job, str(error)))
                     return
-                job = under_way.pop(future)
-                del waiting[job.name]
+                job = submitted.pop(future)
+                del without_outcome[job.name]
                 yield JobEvent(job, outcome=_outcome(job, future))
         finally:
             with suppress(Exception):
-                self._client.cancel(list(under_way))
+                self._client.cancel(list(submitted))
 
-    def _next(self, done: "SimpleQueue[Any]") -> Any:
-        """Wait for the next future that is done; raises TimeoutError where there are no workers for long."""
-        lonely = time.monotonic()
+    def _next_done(self, done: "SimpleQueue[Any]") -> Any:
+        """Wait for the next future that is done; raises TimeoutError if there are no workers for long."""
+        last_worker = time.monotonic()
         while True:
             try:
-                return done.get(timeout=_LOOK)
+                return done.get(timeout=_POLL_SECONDS)
             except Empty:
                 now = time.monotonic()
-                lonely = now if self._slots() else lonely
-                if now - lonely > _PATIENCE:
-                    raise TimeoutError(f"it has had no workers for {_PATIENCE} s") from None
+                last_worker = now if self._worker_threads() else last_worker
+                if now - last_worker > _CLUSTER_TIMEOUT:
+                    raise TimeoutError(f"it has had no workers for {_CLUSTER_TIMEOUT} s") from None
 
-    def leave(self) -> None:
-        """End what is under way, and the processes."""
-        with suppress(Exception):  # workers or scheduler that are gone have no such processes
-            self._client.run(end, self._batch)
+    def close(self) -> None:
+        """End the jobs of this batch that still run, and its processes."""
+        with suppress(Exception):  # workers that are gone have no processes
+            self._client.run(end_batch, self._batch_id)
 
-    def _sender(self, jobs: Sequence[Job]) -> Callable[[Job], Any]:
-        """Return what submits a job, in the way in which files reach the workers."""
-        sample = jobs[0]
-        places = _look(self._client, str(sample.staging.parent)).values()
-        ship = self._options.ship
-        if ship == "folder" and not all(place.sees for place in places):
-            raise AoprecalcError(
-                f"--ship folder: not all workers see {sample.folder}; share it with them, or use --ship bytes"
-            )
-        in_folder = ship == "folder" or (ship == "auto" and all(place.sees for place in places))
-        on_gpus = any(place.gpus for place in places)
-        terms = BatchSettings(self._batch, __version__, self._options.timeout, self._options.retries)
+    def _submitter(self, jobs: Sequence[Job]) -> Callable[[Job], Any]:
+        """Return a function that submits a job, with its files or for workers that share the folder."""
+        workers = _describe_workers(self._client, str(jobs[0].staging.parent)).values()
+        all_see = all(worker.sees_folder for worker in workers)
+        if self._options.ship == "folder" and not all_see:
+            message = f"--ship folder: not all workers see {jobs[0].folder}"
+            raise AoprecalcError(f"{message}; share it with them, or use --ship bytes")
+        in_folder = self._options.ship != "bytes" and all_see
+        has_gpus = any(worker.gpus for worker in workers)
+        settings = BatchSettings(self._batch_id, __version__, self._options.timeout, self._options.retries)
 
-        def send(job: Job) -> Any:
-            resources = {"GPU": 1} if on_gpus and job.spec.bake is not None else None
+        def submit(job: Job) -> Any:
+            resources = {"GPU": 1} if has_gpus and job.spec.bake is not None else None
             how: dict[str, Any] = {"pure": False, "retries": self._options.retries, "resources": resources}
             if in_folder:
-                return self._client.submit(run_in_shared_folder, job, terms, **how)
-            return self._client.submit(run_on_bytes, job, _inputs(job), terms, **how)
+                return self._client.submit(run_in_shared_folder, job, settings, **how)
+            return self._client.submit(run_on_bytes, job, _read_inputs(job), settings, **how)
 
-        return send
+        return submit
 
-    def _slots(self) -> int:
-        """Return how many jobs the workers of this moment do at a time."""
+    def _worker_threads(self) -> int:
+        """Return how many jobs the present workers run at a time."""
         return sum(self._client.nthreads().values())
 
 
 def threads_per_job(client: Any) -> int:
-    """Return how many threads each job may use for all jobs of a machine to have a core."""
+    """Return how many threads each job may use so that the jobs of a machine have a core for each thread."""
     nthreads = client.nthreads()
     jobs: Counter[str] = Counter()
     cores: dict[str, int] = {}
-    for address, place in _look(client, "").items():
-        jobs[place.host] += nthreads.get(address, 1)
-        cores[place.host] = place.cores
+    for address, worker in _describe_workers(client, "").items():
+        jobs[worker.host] += nthreads.get(address, 1)
+        cores[worker.host] = worker.cores
     return max(1, min((cores[host] // jobs[host] for host in cores), default=1))
 
 
-def _look(client: Any, folder: str) -> dict[str, WorkerInfo]:
-    """Look at each worker; raises AoprecalcError where one cannot work for this batch."""
+def _describe_workers(client: Any, folder: str) -> dict[str, WorkerInfo]:
+    """Return what each worker is, by its address; raises AoprecalcError if one cannot work for this batch."""
     try:
-        places: dict[str, WorkerInfo] = client.run(worker_info, folder)
-    except Exception as error:  # whatever hinders a worker to load the package
-        reason = " ".join(str(error).split())[:160]
+        workers: dict[str, WorkerInfo] = client.run(worker_info, folder)
+    except Exception as error:  # of any kind: a worker cannot import the package
+        reason = _one_line(str(error), 160)
         raise AoprecalcError(
             f"the workers of the cluster cannot load aoprecalc {__version__} ({reason}); install it there"
         ) from error
-    for address, place in places.items():
-        if place.version != __version__:
-            found = f"worker {address} has aoprecalc {place.version}, {__version__} was expected"
-            raise AoprecalcError(f"{found}; install the same everywhere")
-    return places
+    for address, worker in workers.items():
+        if worker.version != __version__:
+            message = f"worker {address} has aoprecalc {worker.version}, {__version__} was expected"
+            raise AoprecalcError(f"{message}; install the same everywhere")
+    return workers
 
 
-def _inputs(job: Job) -> dict[str, bytes]:
-    """Read the files that a job needs; those that are missing are missing for it as well."""
+def _read_inputs(job: Job) -> dict[str, bytes]:
+    """Read the files that a job needs, path -> contents; files that are missing here are missing there, too."""
     files = {}
     with suppress(OSError):
         files[str(job.mesh)] = job.mesh.read_bytes()
@@ -198,12 +197,11 @@ def _inputs(job: Job) -> dict[str, bytes]:
 
 
 def _lost(job: Job, reason: str) -> Failure:
-    found = f"{job.label}: the cluster was lost ({' '.join(reason.split())[:200]})"
-    return Failure("crash", f"{found}; see to its scheduler and workers, and run the same command again")
+    return Failure("crash", f"{job.label}: the cluster was lost ({_one_line(reason, 200)}); {_RETRY}")
 
 
 def _outcome(job: Job, future: Any) -> Outcome:
-    """Return what a future holds, with its files in the staging folder."""
+    """Return the outcome that a future holds, with its files in the staging folder."""
     if future.status != "finished":
         error = future.exception() if future.status == "error" else None
         return _lost(job, f"{type(error).__name__}: {error}" if error else f"the job was {future.status}")
@@ -222,73 +220,73 @@ def _outcome(job: Job, future: Any) -> Outcome:
     return replace(outcome, files={name: job.staging / name for name in contents})
 
 
-# A sight that is spread over the workers of a cluster: each looks along some groups of axes.
+def _one_line(text: str, length: int) -> str:
+    return " ".join(text.split())[:length]
 
 
 class DaskVisibility(AbstractContextManager["DaskVisibility"]):
-    """Opens sights that are spread over a cluster, for the length of a `with` block."""
+    """A VisibilityFactory on a cluster, connected during a `with` block."""
 
-    def __init__(self, scheduler: str, shown: str) -> None:
-        """Connect to a scheduler; `shown` is what messages call the work. Raises what `open_client` does."""
+    def __init__(self, scheduler: str, label: str) -> None:
+        """Connect to a scheduler; `label`: of the job, for messages. Raises what `open_client` raises."""
         with ExitStack() as stack:
             self._client = stack.enter_context(open_client(scheduler))
             self._threads = threads_per_job(self._client)
             self._stack = stack.pop_all()
-        self._shown, self._terms = shown, BatchSettings(secrets.token_hex(8), __version__)
-        self._sights: list[DistributedVisibility] = []
+        self._label, self._settings = label, BatchSettings(secrets.token_hex(8), __version__)
+        self._sources: list[DaskVisibilitySource] = []
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the processes that have looked."""
-        with self._stack, suppress(Exception):  # workers or scheduler that are gone have no such processes
-            self._client.cancel([future for sight in self._sights for future in sight.left()])
-            self._client.run(end, self._terms.batch)
+        """Cancel what is not needed, and end the processes that have worked for this bake."""
+        with self._stack, suppress(Exception):  # workers that are gone have no processes
+            self._client.cancel([future for source in self._sources for future in source.unused()])
+            self._client.run(end_batch, self._settings.batch_id)
 
     def __call__(
-        self, site: BakeSetup, side: SurfaceSide, shadow_size: int, most: int, progress: Progress
-    ) -> "DistributedVisibility":
-        """Have the workers begin to look; see OpenSight."""
-        options = replace(site.inputs.options, threads=self._threads)
-        subject = replace(site.inputs, scene=replace(site.inputs.scene, document=None), options=options)
-        sent = self._client.scatter(pickle.dumps(subject), hash=False, broadcast=True)
-        held = chunks(len(side.texels), most)
-        name, number = secrets.token_hex(8), site.sides.index(side)
+        self, setup: BakeSetup, side: SurfaceSide, shadow_size: int, chunk_size: int, progress: Progress
+    ) -> "DaskVisibilitySource":
+        """Submit a task for each group of axes and each chunk of the side's texels."""
+        options = replace(setup.inputs.options, threads=self._threads)
+        inputs = replace(setup.inputs, scene=replace(setup.inputs.scene, document=None), options=options)
+        pickled = self._client.scatter(pickle.dumps(inputs), hash=False, broadcast=True)
+        bake_id, side_index = secrets.token_hex(8), setup.sides.index(side)
         futures: dict[tuple[int, int], Any] = {}
-        for group in range(len(site.groups)):
-            for run in held:
-                glance = VisibilityTask(self._shown, name, b"", number, group, run.start, run.stop, most, shadow_size)
-                futures[group, run.start] = self._client.submit(
-                    evaluate_remotely, glance, sent, self._terms, pure=False, priority=-len(futures)
+        for group in range(len(setup.groups)):
+            for chunk in chunks(len(side.texels), chunk_size):
+                task = VisibilityTask(
+                    self._label, bake_id, b"", side_index, group, chunk.start, chunk.stop, chunk_size, shadow_size
                 )
-        self._sights.append(DistributedVisibility(site, futures, progress))
-        return self._sights[-1]
+                futures[group, chunk.start] = self._client.submit(
+                    evaluate_remotely, task, pickled, self._settings, pure=False, priority=-len(futures)
+                )
+        self._sources.append(DaskVisibilitySource(setup, futures, progress))
+        return self._sources[-1]
 
 
-class DistributedVisibility:
-    """Waits for what others see; a Sight."""
+class DaskVisibilitySource:
+    """A VisibilitySource that waits for the tasks of one side."""
 
-    def __init__(self, site: BakeSetup, futures: dict[tuple[int, int], Any], progress: Progress) -> None:
-        """Have the futures of (group, first texel of a run)."""
-        self._site, self._futures, self._progress = site, futures, progress
+    def __init__(self, setup: BakeSetup, futures: dict[tuple[int, int], Any], progress: Progress) -> None:
+        """Keep the futures, by group and first texel of the chunk."""
+        self._setup, self._futures, self._progress = setup, futures, progress
 
-    def visibility_sums(self, samples: Samples, held: slice, group: int) -> Float32Array:
-        """See Sight; raises AoprecalcError where a worker could not look."""
-        future = self._futures.pop((group, held.start))
+    def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
+        """Return the sums of a chunk of texels; see VisibilitySource. Raises AoprecalcError if the task failed."""
+        future = self._futures.pop((group, chunk.start))
         try:
             outcome = future.result()
-        except Exception as error:  # of whatever kind the cluster raises for workers that are lost
-            reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-            found = f"the cluster could not look along group {group} of the axes ({reason})"
-            raise AoprecalcError(
-                f"{found}; see to its scheduler and workers, and run the same command again"
-            ) from error
+        except Exception as error:  # Dask raises errors of many kinds if workers are lost
+            reason = _one_line(f"{type(error).__name__}: {error}", 300)
+            message = f"the cluster could not evaluate the visibility of group {group} of the axes ({reason})"
+            raise AoprecalcError(f"{message}; {_RETRY}") from error
         if not isinstance(outcome, VisibilitySums):
             raise AoprecalcError(outcome.message)
-        axes = self._site.groups[group]
+        axes = self._setup.groups[group]
         self._progress.advance(2 * (axes.stop - axes.start))
         return np.asarray(outcome.sums)
 
-    def left(self) -> list[Any]:
-        """Return the futures that nobody has waited for, as where the target error was reached."""
+    def unused(self) -> list[Any]:
+        """Return the futures that nobody has waited for, as when the target error was reached early."""
         return list(self._futures.values())

@@ -1,7 +1,7 @@
-"""What a worker of a cluster does for a batch: it hands jobs on to processes of its own.
+"""What runs inside the workers of a Dask cluster: each job is handed to a worker process of its own.
 
-So a job that dies takes no worker with it, jobs of one worker do not wait for each other, and each has OpenGL in a
-process where nothing else uses it.
+So a crash does not take the Dask worker down, threads of one Dask worker do not wait for each other, and OpenGL is used
+by one job at a time in each process.
 """
 
 import os
@@ -17,36 +17,38 @@ from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilitySums, Visib
 from aoprecalc.pipeline.workers import WorkerProcess
 from aoprecalc.system import whole_cores
 
+_IDLE_SECONDS = 60  # after which an idle process ends: its batch may have died without a word
+
 
 @dataclass(frozen=True)
 class WorkerInfo:
-    """A worker as a batch needs to know it.
+    """What a batch needs to know of a Dask worker.
 
-    version   of its aoprecalc
-    host      its machine
-    cores     that it may use
-    gpus      that it offers, as resource GPU; 0: it says nothing
-    sees      it has the folder that was asked for
+    version       of its aoprecalc
+    host          its machine
+    cores         that it may use
+    gpus          that it offers as Dask resource GPU; 0: none
+    sees_folder   whether a folder of the batch exists there
     """
 
     version: str
     host: str
     cores: int
     gpus: float
-    sees: bool
+    sees_folder: bool
 
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """On which a batch has its work done.
+    """How the jobs of a batch are run.
 
-    batch     its name, which no other has
-    version   of aoprecalc that it expects
-    timeout   seconds for a job; None: any
-    retries   how often a job whose process died is tried again
+    batch_id   unique
+    version    of aoprecalc that the batch expects
+    timeout    seconds for a job; None: no limit
+    retries    tries of a job whose process died, beyond the first
     """
 
-    batch: str
+    batch_id: str
     version: str
     timeout: float | None = None
     retries: int = 1
@@ -54,88 +56,88 @@ class BatchSettings:
 
 @dataclass(eq=False)
 class _BatchProcesses:
-    """The processes of one batch in this one, one for each thread."""
+    """The processes of one batch on this Dask worker, by thread."""
 
     stop: threading.Event = field(default_factory=threading.Event)
-    children: dict[int, WorkerProcess] = field(default_factory=dict)
+    by_thread: dict[int, WorkerProcess] = field(default_factory=dict)
 
-
-_IDLE = 60  # seconds after which a process goes that nothing was asked of: its batch may have died without a word
 
 _batches: dict[str, _BatchProcesses] = {}
 
 
 def worker_info(folder: str, dask_worker: Any = None) -> WorkerInfo:
-    """Return what a worker, which the cluster hands over, is like; `folder` is to be seen from it."""
+    """Describe this worker; Dask passes itself as `dask_worker`. `folder`: whether it exists here."""
     resources = dask_worker.state.total_resources
     return WorkerInfo(
         version=__version__,
         host=socket.gethostname(),
         cores=whole_cores(),
         gpus=resources.get("GPU", 0),
-        sees=os.path.isdir(folder),
+        sees_folder=os.path.isdir(folder),
     )
 
 
-def run_in_shared_folder(job: Job, terms: BatchSettings) -> Outcome:
-    """Do a job on files that this machine sees under the same paths."""
+def run_in_shared_folder(job: Job, settings: BatchSettings) -> Outcome:
+    """Run a job on files that this machine has under the same paths."""
     if not job.staging.parent.is_dir():
         return Failure("error", f"{job.label}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
-    return cast(Outcome, _ask(job, terms))
+    return cast(Outcome, _run(job, settings))
 
 
-def run_on_bytes(job: Job, inputs: dict[str, bytes], terms: BatchSettings) -> tuple[Outcome, dict[str, bytes]]:
-    """Do a job on files that came with it; return what it made, name -> bytes, as well.
+def run_on_bytes(job: Job, inputs: dict[str, bytes], settings: BatchSettings) -> tuple[Outcome, dict[str, bytes]]:
+    """Run a job on files that are sent with it; return its outcome and its files, name -> contents.
 
-    inputs   path -> bytes; all paths are as on the machine of the batch, and lie here below a folder for the time
-             being, so that the ways from one to the other are the same
+    inputs   absolute path on the machine of the batch -> contents. The files are written below a temporary folder
+             under these paths, so that paths relative to each other are the same
     """
     with TemporaryDirectory(prefix="aoprecalc-") as root:
-        there = _below(job, Path(root))
+        local_job = _rebased_job(job, Path(root))
         for path, data in inputs.items():
-            file = _moved(Path(path), Path(root))
+            file = _rebased(Path(path), Path(root))
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        there.staging.parent.mkdir(parents=True, exist_ok=True)
-        outcome = run_in_shared_folder(there, terms)
+        local_job.staging.parent.mkdir(parents=True, exist_ok=True)
+        outcome = run_in_shared_folder(local_job, settings)
         if isinstance(outcome, Failure):
             return outcome, {}
         return outcome, {name: file.read_bytes() for name, file in outcome.files.items()}
 
 
-def evaluate_remotely(glance: VisibilityTask, subject: bytes, terms: BatchSettings) -> VisibilitySums | Failure:
-    """Look where a glance says, at a subject that is sent by itself, once for all glances."""
-    return cast(VisibilitySums | Failure, _ask(replace(glance, inputs=subject), terms))
+def evaluate_remotely(task: VisibilityTask, inputs: bytes, settings: BatchSettings) -> VisibilitySums | Failure:
+    """Evaluate a visibility task; its inputs come separately, as they are sent once for all tasks of a bake."""
+    return cast(VisibilitySums | Failure, _run(replace(task, inputs=inputs), settings))
 
 
-def end(batch: str) -> None:
-    """End the processes of a batch, for good."""
-    party = _batches.setdefault(batch, _BatchProcesses())
-    party.stop.set()
-    for child in list(party.children.values()):
-        child.close_if_idle()
+def end_batch(batch_id: str) -> None:
+    """End the processes of a batch, and start no more for it."""
+    processes = _batches.setdefault(batch_id, _BatchProcesses())
+    processes.stop.set()
+    for process in list(processes.by_thread.values()):
+        process.close_if_idle()
 
 
-def _ask(request: Job | VisibilityTask, terms: BatchSettings) -> Any:
-    """Have this thread's process of a batch do what is asked."""
-    party = _batches.setdefault(terms.batch, _BatchProcesses())
-    if terms.version != __version__:
-        here = f"{socket.gethostname()} has aoprecalc {__version__}"
-        return Failure("error", f"{request.label}: {here}, {terms.version} was expected; install the same everywhere")
-    if party.stop.is_set():
+def _run(request: Job | VisibilityTask, settings: BatchSettings) -> Any:
+    """Run a request in the process that belongs to its batch and to this thread."""
+    processes = _batches.setdefault(settings.batch_id, _BatchProcesses())
+    if settings.version != __version__:
+        message = f"{socket.gethostname()} has aoprecalc {__version__}, {settings.version} was expected"
+        return Failure("error", f"{request.label}: {message}; install the same everywhere")
+    if processes.stop.is_set():
         return Failure("stopped", f"{request.label}: was stopped")
-    child = party.children.setdefault(threading.get_ident(), WorkerProcess())
+    process = processes.by_thread.setdefault(threading.get_ident(), WorkerProcess())
     try:
-        return child.run(request, lambda stage: None, timeout=terms.timeout, retries=terms.retries, stop=party.stop)
+        return process.run(
+            request, lambda stage: None, timeout=settings.timeout, retries=settings.retries, stop=processes.stop
+        )
     finally:
-        child.close_after(0 if party.stop.is_set() else _IDLE)
+        process.close_after(0 if processes.stop.is_set() else _IDLE_SECONDS)
 
 
-def _below(job: Job, root: Path) -> Job:
-    """Return a job whose files lie below another root."""
-    mesh, folder, staging = (_moved(path, root) for path in (job.mesh, job.folder, job.staging))
+def _rebased_job(job: Job, root: Path) -> Job:
+    """Return the same job with all its paths below another root."""
+    mesh, folder, staging = (_rebased(path, root) for path in (job.mesh, job.folder, job.staging))
     return replace(job, mesh=mesh, folder=folder, staging=staging)
 
 
-def _moved(path: Path, root: Path) -> Path:
+def _rebased(path: Path, root: Path) -> Path:
     return root / path.relative_to(path.anchor)

@@ -1,7 +1,8 @@
-"""Which meshes a batch works on, and what each of them is called in the output folder."""
+"""Find the meshes that patterns match, and name their assets in the output folder."""
 
 import glob
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -10,74 +11,74 @@ from aoprecalc.io import MESH_EXTENSIONS
 
 
 def is_pattern(text: str, root: str | Path = "") -> bool:
-    """Tell whether a text has a wildcard, and is not the name of a file or folder, counted from `root`."""
+    """Tell whether a text has wildcards and is not itself the name of a file or folder, relative to `root`."""
     return glob.has_magic(text) and not os.path.exists(os.path.join(root, text))
 
 
-def find_meshes(patterns: Sequence[str], made: Callable[[Path], bool], root: str | Path = "") -> list[Path]:
-    """Return the mesh files that patterns stand for, each once, but for those that a batch has `made`.
+def find_meshes(patterns: Sequence[str], is_output: Callable[[Path], bool], root: str | Path = "") -> list[Path]:
+    """Return the mesh files that patterns match, each once, without the outputs of batches.
 
-    A pattern is a file's name, perhaps with *, ? and ** (any folders), or a folder, which stands for all in it.
-    What has wildcards or is a folder takes files of known kinds only, sorted.
-    root   the folder from which the patterns count; empty: the present one
-    Raises InputError for a pattern that fits no mesh.
+    A pattern is the name of a file, which may have the wildcards *, ? and ** (any folders), or a folder, which stands
+    for all files below it. Wildcards and folders match files with the extension of a mesh only, sorted.
+    root   the folder that patterns are relative to; empty: the current one
+    Raises InputError for a pattern that matches no mesh.
     """
     found: dict[str, Path] = {}
     for pattern in patterns:
         path = os.path.join(root, pattern)
         if os.path.isdir(path):
-            fitting = _meshes(Path(path), "**/*")
+            matches = _meshes(Path(path), "**/*")
         elif is_pattern(pattern, root):
-            fitting = _meshes(*_split(Path(root), pattern))
+            matches = _meshes(*_split(Path(root), pattern))
         else:
-            fitting = [Path(path)] if _is_mesh(path) else []  # a missing mesh fails by itself
-        if not fitting:
+            matches = [Path(path)] if _is_mesh(path) else []  # if it is missing, that asset fails
+        if not matches:
             raise InputError(
-                f"{path}: fits no mesh, one of {', '.join(MESH_EXTENSIONS)} was expected; check the pattern"
+                f"{path}: matches no mesh; one of {', '.join(MESH_EXTENSIONS)} was expected; check the pattern"
             )
-        for mesh in fitting:
-            if not made(mesh):
+        for mesh in matches:
+            if not is_output(mesh):
                 found.setdefault(os.path.abspath(mesh), mesh)
     if patterns and not found:
-        raise InputError(f"{', '.join(patterns)}: made by a batch, or in its output folder; name what is to be made")
+        raise InputError(
+            f"{', '.join(patterns)}: matches only outputs of batches, meshes were expected; check the pattern"
+        )
     return list(found.values())
 
 
 def base_folder(patterns: Iterable[str], root: str | Path = "") -> Path:
-    """Return the folder that all patterns lie in, up to their first wildcard: names count from there."""
-    fixed = []
+    """Return the deepest folder that contains all patterns, up to their first wildcards: names are relative to it."""
+    folders = []
     for pattern in patterns:
         path = Path(os.path.abspath(os.path.join(root, pattern)))
         if path.is_dir():
-            fixed.append(path)
+            folders.append(path)
             continue
         while path != path.parent and is_pattern(str(path)):
             path = path.parent
-        fixed.append(path if path.is_dir() else path.parent)
-    return Path(os.path.commonpath(fixed))
+        folders.append(path if path.is_dir() else path.parent)
+    return Path(os.path.commonpath(folders))
 
 
 def name_assets(meshes: Sequence[Path], base: Path) -> list[str]:
-    """Return each mesh's way from the base folder without its extension, such as props/rock.
+    """Return each mesh's path relative to the base folder without its extension, such as props/rock.
 
-    Meshes that would have one name keep their extensions in it, such as rock_obj and rock_glb, whatever capitals a file
-    system tells apart. Raises UsageError where that does not part them.
+    Where that is the same for several meshes, upper and lower case alike, the names keep the extension, such as
+    rock_obj and rock_glb. Raises UsageError if two names are still the same.
     """
-    ways = [Path(os.path.relpath(os.path.abspath(mesh), base)) for mesh in meshes]
-    plain = [_inside(way.with_suffix("")) for way in ways]
-    count: dict[str, int] = {}
-    for name in plain:
-        count[name.casefold()] = count.get(name.casefold(), 0) + 1
+    paths = [Path(os.path.relpath(os.path.abspath(mesh), base)) for mesh in meshes]
+    plain = [_asset_name(path.with_suffix("")) for path in paths]
+    count = Counter(name.casefold() for name in plain)
     names = [
-        f"{name}_{way.suffix.lower().removeprefix('.')}" if count[name.casefold()] > 1 else name
-        for name, way in zip(plain, ways, strict=True)
+        f"{name}_{path.suffix.lower().removeprefix('.')}" if count[name.casefold()] > 1 else name
+        for name, path in zip(plain, paths, strict=True)
     ]
     check_distinct(names, meshes)
     return names
 
 
 def check_distinct(names: Sequence[str], meshes: Sequence[Path]) -> None:
-    """Raise UsageError where two meshes have one name."""
+    """Raise UsageError if two meshes have the same name, upper and lower case alike."""
     seen: dict[str, Path] = {}
     for name, mesh in zip(names, meshes, strict=True):
         other = seen.setdefault(name.casefold(), mesh)
@@ -88,7 +89,7 @@ def check_distinct(names: Sequence[str], meshes: Sequence[Path]) -> None:
 
 
 def _split(root: Path, pattern: str) -> tuple[Path, str]:
-    """Return the folder of a pattern up to its first wildcard, and the rest of the pattern."""
+    """Split a pattern into the folder before its first wildcard and the rest."""
     parts = Path(pattern).parts
     first = next(number for number in range(len(parts)) if is_pattern(os.path.join(*parts[: number + 1]), root))
     rest = [*parts[first:], *(["*"] if parts[-1] == "**" else [])]
@@ -96,9 +97,9 @@ def _split(root: Path, pattern: str) -> tuple[Path, str]:
 
 
 def _meshes(folder: Path, pattern: str) -> list[Path]:
-    """Return the mesh files below a folder that a pattern fits, sorted; ** follows no links, which may lead in circles.
+    """Return the mesh files below a folder that a pattern matches, sorted, without hidden ones (.name).
 
-    What begins with a dot is hidden.
+    ** does not follow links to folders, which may form cycles.
     """
     found = [path for path in folder.glob(pattern) if _is_mesh(path.name) and path.is_file()]
     return sorted(path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
@@ -108,6 +109,6 @@ def _is_mesh(path: str) -> bool:
     return path.lower().endswith(MESH_EXTENSIONS)
 
 
-def _inside(way: Path) -> str:
-    """Return a way as a name below the output folder, which it never leaves."""
-    return "/".join(part for part in way.parts if part not in ("..", "/"))
+def _asset_name(path: Path) -> str:
+    """Return a relative path as the name of an asset, which never leads out of the output folder."""
+    return "/".join(part for part in path.parts if part not in ("..", "/"))

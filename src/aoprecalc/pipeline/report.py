@@ -1,4 +1,4 @@
-"""What a batch says while it works."""
+"""The result of each asset, progress of a batch, and its reports: JSON and JUnit."""
 
 import shlex
 from collections import Counter
@@ -18,15 +18,23 @@ Status = Literal["made", "unchanged", "cached", "failed", "stopped"]
 
 @dataclass(frozen=True)
 class AssetResult:
-    """What became of one asset.
+    """The result of one asset of a batch.
 
-    asset     it
-    status    made: now; unchanged: it was there already; cached: taken from the cache; failed; stopped: not begun, or
-              not finished, when the batch ended
-    outputs   its files, names in its folder, sorted
-    summary   what was made, see Made; None where nothing was
-    failure   why it failed; None where it did not
-    seconds   that it took
+    Attributes
+    ----------
+    asset : Asset
+        Its `name`, `mesh` (a path) and `spec`.
+    status : {"made", "unchanged", "cached", "failed", "stopped"}
+        Made now; up to date already; taken from the cache; failed; not begun or not finished when the batch ended.
+    outputs : tuple of str
+        Names of its files in its folder, sorted.
+    summary : dict or None
+        Plain JSON values such as `triangles`, `ao_mean`, `spheres`, `warnings`; None if nothing was made.
+    failure : Failure or None
+        Why it failed: `kind`, `message`, `exit_code`.
+    seconds : float
+        How long it took.
+
     """
 
     asset: Asset
@@ -38,45 +46,42 @@ class AssetResult:
 
 
 class BatchProgress:
-    """Receives what a batch is doing; this base class looks on in silence."""
+    """Receives the progress of a batch; this base class ignores it. Derive from it and override what you need."""
 
     def begin(self, total: int) -> None:
-        """Begin with `total` assets."""
+        """Begin a batch of `total` assets."""
 
     def stage(self, asset: Asset, name: str) -> None:
-        """See an asset come to a stage."""
+        """Note that an asset has begun a stage."""
 
     def end(self, result: AssetResult) -> None:
-        """See what became of an asset; each has its turn once."""
+        """Note the result of an asset; called once for each asset."""
 
     def note(self, text: str) -> None:
-        """Hear a line about what was done beside the assets."""
+        """Receive a line of information about the batch as a whole."""
 
     def warn(self, text: str) -> None:
-        """Hear a line that the user should know about the batch as a whole."""
-
-
-# The report of a batch, as one JSON document, and as a JUnit file.
+        """Receive a warning about the batch as a whole."""
 
 
 def batch_report(results: Sequence[AssetResult], output: Path, seconds: float) -> dict[str, Any]:
-    """Return the report; every value is a plain JSON value."""
+    """Return the report of a batch, plain JSON values; the README lists its keys."""
     counts = Counter(result.status for result in results)
     report = {
         "schema": SCHEMAS["batch"],
         "version": __version__,
         "output": str(output),
         "counts": {name: counts[name] for name in ("made", "unchanged", "cached", "failed", "stopped")},
-        "assets": [_asset(result, output) for result in results],
+        "assets": [_asset_report(result, output) for result in results],
         "seconds": round(seconds, 3),
     }
-    return {key: _legible(value) for key, value in report.items()}
+    return {key: _printable(value) for key, value in report.items()}
 
 
 def junit(results: Sequence[AssetResult], seconds: float) -> str:
-    """Return a JUnit file: a test case for each asset, in the suite of its folder.
+    """Return a JUnit file: a test case for each asset, whose class is the asset's folder.
 
-    What was not begun counts as skipped.
+    Stopped assets count as skipped.
     """
     failed = sum(result.status == "failed" for result in results)
     skipped = sum(result.status == "stopped" for result in results)
@@ -88,17 +93,17 @@ def junit(results: Sequence[AssetResult], seconds: float) -> str:
     }
     suite = ElementTree.Element("testsuite", name="aoprecalc batch", **counts, time=f"{seconds:.3f}")
     for result in results:
-        place: dict[str, Any] = {
+        attributes: dict[str, Any] = {
             "classname": _xml_text(result.asset.folder).replace("/", ".") or "assets",
             "name": _xml_text(result.asset.stem),
             "file": _xml_text(str(result.asset.mesh)),
         }
-        case = ElementTree.SubElement(suite, "testcase", **place, time=f"{result.seconds:.3f}")
+        case = ElementTree.SubElement(suite, "testcase", **attributes, time=f"{result.seconds:.3f}")
         if result.failure is not None and result.status == "failed":
             failure = ElementTree.SubElement(
                 case, "failure", type=result.failure.kind, message=_xml_text(result.failure.message)
             )
-            failure.text = _xml_text("\n".join(filter(None, [*commands(result), result.failure.details])))
+            failure.text = _xml_text("\n".join(filter(None, [*reproduce_commands(result), result.failure.details])))
         elif result.status == "stopped":
             ElementTree.SubElement(case, "skipped", message="the batch was stopped")
         elif lines := (result.summary or {}).get("warnings"):
@@ -109,25 +114,25 @@ def junit(results: Sequence[AssetResult], seconds: float) -> str:
     return ElementTree.tostring(suites, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def commands(result: AssetResult) -> list[str]:
-    """Return the commands that make an asset by itself, to see how it fails."""
+def reproduce_commands(result: AssetResult) -> list[str]:
+    """Return the command lines that make one asset without the batch, to reproduce a failure."""
     spec, mesh, stem = result.asset.spec, str(result.asset.mesh), result.asset.stem
-    named = ["--", mesh] if mesh.startswith("-") else [mesh]
+    arguments = ["--", mesh] if mesh.startswith("-") else [mesh]
     lines = []
     if spec.bake is not None:
         words = as_words(spec.bake)
         words += ["-o", f"{stem}_ao{spec.texture_suffix}"] if spec.texture_suffix != JobSpec.texture_suffix else []
         words += ["--mesh-output", f"{stem}_ao{spec.mesh_suffix}"] if spec.mesh_suffix != JobSpec.mesh_suffix else []
         words += ["--verify"] if spec.verify else []
-        lines.append(shlex.join(["aoprecalc", "bake", *words, *named]))
+        lines.append(shlex.join(["aoprecalc", "bake", *words, *arguments]))
     if spec.spheres is not None:
         words = as_words(spec.spheres)
         words += ["-o", f"{stem}_spheres{spec.spheres_suffix}"] if spec.spheres_suffix != JobSpec.spheres_suffix else []
-        lines.append(shlex.join(["aoprecalc", "spheres", *words, *named]))
+        lines.append(shlex.join(["aoprecalc", "spheres", *words, *arguments]))
     return lines
 
 
-def _asset(result: AssetResult, output: Path) -> dict[str, Any]:
+def _asset_report(result: AssetResult, output: Path) -> dict[str, Any]:
     failure = result.failure
     error = None
     if failure is not None:
@@ -139,24 +144,24 @@ def _asset(result: AssetResult, output: Path) -> dict[str, Any]:
         "outputs": [str(output / result.asset.folder / name) for name in result.outputs],
         "summary": result.summary,
         "error": error,
-        "commands": commands(result),
+        "commands": reproduce_commands(result),
         "seconds": round(result.seconds, 3),
     }
 
 
-def _legible(value: Any) -> Any:
-    """Return a JSON value without the bytes of file names that are no text."""
+def _printable(value: Any) -> Any:
+    """Return a JSON value whose texts can be encoded: file names may hold bytes that are no characters."""
     if isinstance(value, str):
         return value.encode(errors="replace").decode()
     if isinstance(value, list):
-        return [_legible(entry) for entry in value]
+        return [_printable(entry) for entry in value]
     if isinstance(value, dict):
-        return {key: _legible(entry) for key, entry in value.items()}
+        return {key: _printable(entry) for key, entry in value.items()}
     return value
 
 
 def _xml_text(text: str) -> str:
-    """Return a text without what XML cannot hold."""
+    """Return a text with ? for each character that XML does not allow."""
     return "".join(
         char if char in "\t\n" or " " <= char < "\ud800" or "\ue000" <= char < "\ufffe" else "?" for char in text
     )
