@@ -1,4 +1,4 @@
-"""What a batch works on: an asset, and what is to be made of it."""
+"""Assets of a batch, and the jobs that make them: what a worker does, wherever it runs."""
 
 import os
 import traceback
@@ -22,14 +22,14 @@ from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 
 @dataclass(frozen=True)
 class JobSpec:
-    """What is made of one asset: a texture, spheres, or both.
+    """What to make of one asset: a texture, a sphere set, or both.
 
-    bake      how the texture is baked; None: no texture
-    spheres   how spheres are fitted; None: none
-    texture   extension of the texture
-    mesh      extension of the mesh that goes with it; empty: as `aoprecalc bake` chooses
-    verify    measure the texture against ray tracing, for the report
-    set       extension of the sphere set
+    bake             options of the texture; None: no texture
+    spheres          options of the sphere set; None: no spheres
+    texture_suffix   file extension of the texture
+    mesh_suffix      file extension of its mesh; empty: as `aoprecalc bake` chooses
+    verify           measure the texture against ray tracing, for the report
+    spheres_suffix   file extension of the sphere set
     """
 
     bake: BakeOptions | None = None
@@ -40,7 +40,7 @@ class JobSpec:
     spheres_suffix: str = ".json"
 
     def with_threads(self, threads: int) -> "JobSpec":
-        """Return the same with this many threads where it says nothing about them."""
+        """Return the same spec with this many threads, unless it has a number of threads already."""
         if self.bake is None or self.bake.threads:
             return self
         return replace(self, bake=replace(self.bake, threads=threads))
@@ -50,9 +50,9 @@ class JobSpec:
 class Asset:
     """One mesh of a batch.
 
-    name    its folder and stem below the output folder, such as props/rock, with forward slashes; no other's
+    name    unique; the folder and stem of its files below the output folder, such as props/rock
     mesh    its file, as the pattern found it
-    spec    what is made of it
+    spec    what to make of it
     """
 
     name: str
@@ -61,16 +61,14 @@ class Asset:
 
     @property
     def folder(self) -> str:
-        """Its folder below the output folder; empty for that itself."""
+        """The folder of its files below the output folder; empty: the output folder."""
         return self.name.rpartition("/")[0]
 
     @property
     def stem(self) -> str:
-        """What its files' names begin with."""
+        """The beginning of its files' names."""
         return self.name.rpartition("/")[2]
 
-
-# The work on one asset: what a worker does, wherever it runs.
 
 FailureKind = Literal["error", "crash", "timeout", "stopped"]
 
@@ -79,13 +77,14 @@ FailureKind = Literal["error", "crash", "timeout", "stopped"]
 class Job:
     """The work on one asset.
 
-    name      of the asset
-    mesh      its file, absolute
-    label     the same as messages and reports call it
-    folder    where its files are to go, absolute, and their names begin with `stem`
-    staging   where they are written, of the same file system
-    spec      what is made
-    scheduler   address of the Dask scheduler whose workers evaluate its visibility; None: its own process does
+    name        of the asset
+    mesh        its file, absolute
+    label       the mesh as messages and reports name it
+    folder      where its files will be, absolute; they refer to each other and to the mesh from there
+    stem        the beginning of their names
+    staging     a folder of the same file system, in which they are written
+    spec        what to make
+    scheduler   address of the Dask scheduler whose workers share the visibility of its bake; None: no sharing
     """
 
     name: str
@@ -100,12 +99,12 @@ class Job:
 
 @dataclass(frozen=True)
 class Success:
-    """What came of it.
+    """The results of a job.
 
-    files     name in the asset's folder -> where it was written
-    summary   plain JSON values: `triangles`, `warnings`, and of what was made `ao_mean`, `directions`,
-              `size`, `renderer`, `rmse`, `spheres`, `silhouette_iou`
-    seconds   that it took, tries that died included
+    files     final name -> file in the staging folder
+    summary   plain JSON values: `triangles`, `warnings`, and depending on the spec `ao_mean`, `directions`, `size`,
+              `renderer`, `unwrap`, `rmse`, `spheres`, `silhouette_iou`
+    seconds   including tries whose process died
     """
 
     files: dict[str, Path]
@@ -115,13 +114,13 @@ class Success:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why nothing came of it.
+    """Why a job has no results.
 
-    kind       error: it was refused, or the work failed; crash: its process died; timeout; stopped: by the user
-    message    one line
-    exit_code  that the command for this asset alone would have had
-    details    a traceback, where it is a fault of aoprecalc
-    seconds    that it took
+    kind        error: bad input or options, or the work failed; crash: the process died; timeout; stopped: by the user
+    message     one line
+    exit_code   of the command that makes this asset alone
+    details     a traceback, if it is a fault of aoprecalc
+    seconds     including all tries
     """
 
     kind: FailureKind
@@ -167,41 +166,42 @@ class VisibilitySums:
 
 
 class JobProgress(Progress):
-    """Tells which stage a job is at, and keeps its warnings."""
+    """Reports the stages of a job, and collects its warnings."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        """Call `tell` with each stage."""
-        self._tell = tell
+    def __init__(self, on_stage: Callable[[str], None]) -> None:
+        """Call `on_stage` with the name of each stage."""
+        self._on_stage = on_stage
         self.warnings: list[str] = []
 
     @contextmanager
     def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[None]:
-        """Tell the stage."""
-        self._tell(name)
+        """Report a stage."""
+        self._on_stage(name)
         yield
 
     def warn(self, text: str) -> None:
-        """Keep a warning."""
+        """Collect a warning."""
         self.warnings.append(text)
 
 
 def local_visibility(job: Job) -> AbstractContextManager[VisibilityFactory]:
-    """Have a job's process look by itself."""
+    """Evaluate the visibility of a job in this process."""
     return nullcontext(LocalVisibility)
 
 
 def run_job(
     job: Job,
-    tell: Callable[[str], None],
-    sight_of: Callable[[Job], AbstractContextManager[VisibilityFactory]] = local_visibility,
+    on_stage: Callable[[str], None],
+    open_visibility: Callable[[Job], AbstractContextManager[VisibilityFactory]] = local_visibility,
 ) -> Outcome:
-    """Make what is asked for in the staging folder, and tell each stage; nothing is left there if it fails.
+    """Make what a job asks for in its staging folder; if that fails, leave no files there.
 
-    sight_of   returns, for the length of a `with` block, what makes that which sees
+    on_stage          called with the name of each stage that begins
+    open_visibility   returns where the visibility of the job is evaluated, as a context manager
     """
     try:
-        with sight_of(job) as make_visibility:
-            return _make(job, JobProgress(tell), make_visibility)
+        with open_visibility(job) as make_visibility:
+            return _make(job, JobProgress(on_stage), make_visibility)
     except AoprecalcError as error:
         kind: FailureKind = "crash" if isinstance(error, KilledError) else "error"
         return Failure(kind, _shown(job, str(error)), error.exit_code)
