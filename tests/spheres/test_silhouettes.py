@@ -98,20 +98,20 @@ def test_a_disc_without_size_covers_the_pixel_in_whose_centre_it_lies():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_runs_of_discs(seed):
+def test_spans_of_discs(seed):
     columns, rows, radii = random_discs(seed)
     spans = disc_spans(columns, rows, radii, 32)
     all_of_them = in_discs(columns, rows, radii, 32)
     assert (spans.start >= 0).all()
     assert (spans.start < spans.stop).all()
     assert (spans.stop <= 32).all()
-    for disc in range(columns.size):
-        picture, disc = divmod(disc, len(radii))
+    for index in range(columns.size):
+        view, disc = divmod(index, len(radii))
         mask = np.zeros((3 * 32, 32), bool)
-        for span in np.flatnonzero(spans.disc == disc):
+        for span in np.flatnonzero(spans.disc == index):
             mask[spans.row[span], spans.start[span] : spans.stop[span]] = True
         expected = np.zeros((3, 32, 32), bool)
-        expected[picture] = all_of_them[picture, disc]
+        expected[view] = all_of_them[view, disc]
         np.testing.assert_array_equal(mask.reshape(3, 32, 32), expected)
 
 
