@@ -135,6 +135,13 @@ def test_the_map_has_every_folder_and_no_other():
     assert {part(module) for module in FILES} - {"__init__", "__main__"} == set(LEVEL)
 
 
+def test_the_guide_names_files_that_are_there():
+    text = GUIDE.read_text(encoding="utf-8")
+    paths = set(re.findall(r"`((?:\w+/)+\w+\.py)`", text))
+    assert len(paths) > 30
+    assert [path for path in paths if not ((ROOT / path).exists() or (GUIDE.parent / path).exists())] == []
+
+
 def test_a_feature_is_found_in_one_or_two_files():
     lines = {module: len(path.read_text(encoding="utf-8").splitlines()) for module, path in FILES.items()}
     assert {module: count for module, count in lines.items() if count > MAX_LINES} == {}, (
