@@ -29,7 +29,7 @@ def test_a_portion_shrinks_with_the_limit_and_is_made_of_whole_parts(monkeypatch
 
 def test_a_limit_that_cannot_be_kept_is_refused(monkeypatch):
     monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
-    with pytest.raises(UsageError, match=r"--memory-limit is 500M; 4096 x 4096 texels of this mesh need \d+M"):
+    with pytest.raises(UsageError, match=r"memory_limit is 500M; 4096 x 4096 texels of this mesh need \d+M"):
         texels_per_chunk(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from aoprecalc.api.mesh import MeshLike, as_mesh, numbers
 from aoprecalc.api.reports import OMIT_NONE, Report
-from aoprecalc.errors import ArgumentError, InputError, UsageError
+from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.io import Outputs, load_scene, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
@@ -337,5 +337,5 @@ def _sphere_path(output: str | PathLike[str] | None, stem: str, *, has_levels: b
     path = output_path(output, f"{stem}_spheres.json")
     check_sphere_extension(path)
     if has_levels and path.suffix.lower() != ".json":
-        raise UsageError(f"{path}: --levels are kept by .json alone; rename the output, or fit each level by itself")
+        raise ArgumentError("levels", f"are kept by .json alone, not by {path}; rename it, or fit each level by itself")
     return path

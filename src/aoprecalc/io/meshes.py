@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, InputError, OutputError, UsageError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError
 from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo
 from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.gltf import GltfFormat
@@ -155,7 +155,9 @@ def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none") -> None
         found = f"the extension {suffix or '(none)'} is not that of a mesh with UVs"
         raise UsageError(f"{path}: {found}, one of {known} was expected; choose one of these")
     if pack == "orm" and not _BY_EXTENSION[suffix].packs_orm:
-        raise UsageError(f"{path}: --pack orm needs .gltf or .glb; omit it, or write one of these")
+        raise ArgumentError(
+            "pack", f"is orm, which needs .gltf or .glb, but the mesh is {path}; omit it, or write one of these"
+        )
 
 
 def write_baked_mesh(

@@ -5,7 +5,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.options import LightOptions
 from aoprecalc.types import Part, Scene
 
@@ -21,12 +21,8 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     Raises UsageError where a name is no part's and where the options leave nothing that receives, InputError where all
     is unlit.
     """
-    for option, patterns in (
-        ("only", options.only),
-        ("exclude", options.exclude),
-        ("occluders-only", options.occluders_only),
-    ):
-        _require_known(scene.parts, option, patterns)
+    for argument in ("only", "exclude", "occluders_only"):
+        _require_known(scene.parts, argument, getattr(options, argument))
     parts = [_with_roles(part, options) for part in scene.parts]
     if not any(part.receives for part in parts):
         raise _nothing_to_bake(scene, options)
@@ -67,14 +63,16 @@ def _is_named(part: Part, patterns: Collection[str]) -> bool:
     return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in wanted)
 
 
-def _require_known(parts: Sequence[Part], option: str, patterns: Collection[str]) -> None:
+def _require_known(parts: Sequence[Part], argument: str, patterns: Collection[str]) -> None:
     for pattern in patterns:
         if not any(_is_named(part, [pattern]) for part in parts):
             names = sorted({name for part in parts for name in (part.name, *part.names)})
             shown = get_close_matches(pattern, names, _SHOWN) or names[:_SHOWN]
             more = f" or {len(names) - len(shown)} others" if len(names) > len(shown) else ""
             expected = ", ".join(map(repr, shown)) + more
-            raise UsageError(f"--{option} {pattern!r} is the name of no part; expected one such as {expected}")
+            raise ArgumentError(
+                argument, f"has {pattern!r}, which is the name of no part; expected one such as {expected}"
+            )
 
 
 def _nothing_to_bake(scene: Scene, options: LightOptions) -> InputError | UsageError:
@@ -84,6 +82,9 @@ def _nothing_to_bake(scene: Scene, options: LightOptions) -> InputError | UsageE
             f"{scene.path}: nothing to bake: its materials are unlit (KHR_materials_unlit), which no ambient occlusion "
             "shows on; make them lit ones"
         )
-    return UsageError(
-        f"{scene.path}: nothing to bake: --only, --exclude and --occluders-only leave no part that receives; name fewer"
+    return ArgumentError(
+        "only",
+        f"or {{exclude}} or {{occluders_only}} leave no part that receives in {scene.path}; name fewer",
+        "exclude",
+        "occluders_only",
     )

@@ -18,7 +18,7 @@ from typing import Any, cast
 import numpy as np
 
 from aoprecalc import __version__
-from aoprecalc.errors import AoprecalcError, UsageError
+from aoprecalc.errors import AoprecalcError, ArgumentError
 from aoprecalc.io import input_files
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.dask_worker import (
@@ -47,12 +47,12 @@ _RETRY = "check its scheduler and workers, and run the same command again"
 def open_client(address: str) -> Iterator[Any]:
     """Connect to a scheduler that has workers; raises UsageError, or AoprecalcError if there are none."""
     if not re.fullmatch(r"(\w+://)?[^/\s]+:\d{1,5}", address):
-        raise UsageError(f"--scheduler is {address!r}; expected an address with a port, such as tcp://host:8786")
+        raise ArgumentError("scheduler", f"is {address!r}; expected an address with a port, such as tcp://host:8786")
     try:
         import dask
         import distributed
     except ModuleNotFoundError as error:
-        raise UsageError("--scheduler needs Dask; install it: pip install 'aoprecalc[cluster]'") from error
+        raise ArgumentError("scheduler", "needs Dask; install it: pip install 'aoprecalc[cluster]'") from error
     log = logging.getLogger("distributed")
     with ExitStack() as stack:
         stack.callback(log.setLevel, log.level)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
@@ -41,7 +41,7 @@ def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: Bake
             raise InputError(f"{scene.path}: its UVs cannot hold a bake ({faults}); use --unwrap auto or xatlas")
         progress.note(f"the file's UVs are not kept: {faults}" if checks else "the file has no UVs")
     if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
-        raise UsageError("--unwrap uvunwrap: it is not installed; `pip install uvunwrap`, or use --unwrap xatlas")
+        raise ArgumentError("unwrap", "is uvunwrap, which is not installed; `pip install uvunwrap`, or use xatlas")
     large = np.count_nonzero(needs_uvs(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
     fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
     size = min(options.width, options.height)

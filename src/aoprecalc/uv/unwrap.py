@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, InputError, KilledError, UsageError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.subprocesses import ChildKilledError, ChildTimeoutError, StepCallback, ask, command
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene
@@ -34,7 +34,7 @@ def unwrap(
     the unwrapper fails or times out. After any exception, Ctrl-C included, the unwrapper is gone.
     """
     if size < MIN_SIZE:
-        raise UsageError(f"--size {size} has no room for charts and gutters; use at least {MIN_SIZE}")
+        raise ArgumentError("size", f"is {size}, which has no room for charts and gutters; use at least {MIN_SIZE}")
     mapped = needs_uvs(scene)
     # Both unwrappers compare lengths with constants: they are given a mesh about one unit across.
     used, corners = np.unique(scene.faces[mapped], return_inverse=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
-from aoprecalc.errors import RendererError, UsageError
+from aoprecalc.errors import ArgumentError, RendererError
 from aoprecalc.gl.context import Renderer, open_renderer
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
@@ -75,9 +75,11 @@ class GLBackend:
         limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
         size = max(options.width, options.height)
         if size > limit:
-            raise UsageError(
-                f"--size {size} is beyond this renderer ({self.name}), at most {limit} was expected; "
-                "use a smaller one, or --backend ray"
+            raise ArgumentError(
+                "size",
+                f"is {size}, beyond this renderer ({self.name}), at most {limit} was expected; "
+                "use a smaller one, or {backend} ray",
+                "backend",
             )
 
     def rasterizer(self, layout: Layout) -> Rasterizer:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import ArgumentError
 from aoprecalc.gl.context import Renderer, compute_program, draw_program
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
@@ -41,7 +41,9 @@ class DepthMaps:
         try:
             self._target = context.framebuffer(self._ends)
         except moderngl.Error as error:
-            raise UsageError(f"--shadow-size {size} is beyond this renderer; use a smaller one, or auto") from error
+            raise ArgumentError(
+                "shadow_size", f"is {size}, beyond this renderer; use a smaller one, or auto"
+            ) from error
         self._axes = context.buffer(reserve=self.capacity * 5 * 16)
         constants = {"AXES": self.capacity, "GRID": float(GRID)}
         self._small = compute_program(context, __package__, "small.comp.glsl", LOCAL_SIZE=_DRAW_LOCAL_SIZE, **constants)

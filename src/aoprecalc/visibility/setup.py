@@ -5,7 +5,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import build_layout
@@ -52,9 +52,10 @@ def texels_per_chunk(limit: int | None, size: str, picture: int, covered: int, m
         if need(min(held, covered)) <= limit:
             return min(held, covered)
     enough = (need(min(FIT_CHUNK, covered)) >> 20) + _DRIFT
-    raise UsageError(
-        f"--memory-limit is {limit >> 20}M; {size} texels of this mesh need {enough}M; "
-        "use a higher limit or a smaller --size"
+    raise ArgumentError(
+        "memory_limit",
+        f"is {limit >> 20}M; {size} texels of this mesh need {enough}M; use a higher limit or a smaller {{size}}",
+        "size",
     )
 
 
@@ -74,8 +75,8 @@ def _resident() -> int:
         try:
             import resource
         except ModuleNotFoundError as error:
-            raise UsageError(
-                "--memory-limit needs to know how much memory is held, which this system does not tell; omit it"
+            raise ArgumentError(
+                "memory_limit", "needs to know how much memory is used, which this system does not tell; omit it"
             ) from error
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         return most if sys.platform == "darwin" else most * 1024
