@@ -205,7 +205,7 @@ def damaged(ring):
 
 BAD = {
     "a missing picture": ([f"a/{TEXTURE}", "none.png"], 4, "none.png: there is no such file"),
-    "a damaged picture": (["bad.png", f"a/{TEXTURE}"], 4, "bad.png: cannot be read as a picture"),
+    "a damaged picture": (["bad.png", f"a/{TEXTURE}"], 4, "bad.png: cannot be read as an image"),
     "a picture of no numbers": (["nan.exr", "nan.exr"], 4, "not finite"),
     "a missing mesh": (["a/g.glb", "none.glb"], 4, "none.glb: there is no such file"),
     "a damaged mesh": (["a/plain_ao.obj", "bad.obj"], 4, "bad.obj"),
@@ -253,5 +253,5 @@ def test_a_cut_picture_is_no_fault_of_the_program(ring, tmp_path, run):
     (tmp_path / "cut.png").write_bytes((ring / "a" / TEXTURE).read_bytes()[:100])
     done = run(tmp_path, "compare", ring / "a" / TEXTURE, "cut.png")
     assert done.returncode == 4
-    assert done.stderr.splitlines()[-1].startswith("error: cut.png: cannot be read as a picture")  # after libpng's own
+    assert done.stderr.splitlines()[-1].startswith("error: cut.png: cannot be read as an image")  # after libpng's own
     assert "Traceback" not in done.stderr

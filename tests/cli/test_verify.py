@@ -157,7 +157,7 @@ def test_repeating_uvs_read_a_repeating_picture(ring, tmp_path):
 BAD = {
     "no texture": (["plain.obj", "--texture", "none.png"], 4, "has no UVs"),
     "a missing texture": (["obj/ring.obj", "--texture", "none.png"], 4, "none.png: there is no such file"),
-    "a texture that is no picture": (["obj/ring.obj", "--texture", "plain.obj"], 4, "cannot be read as a picture"),
+    "a texture that is no picture": (["obj/ring.obj", "--texture", "plain.obj"], 4, "cannot be read as an image"),
     "a missing mesh": (["none.obj"], 4, "no such file"),
     "a tolerance out of range": (["obj/ring.obj", "--tolerance", "2"], 2, "--tolerance"),
     "few rays": (["obj/ring.obj", "--rays", "9"], 2, "--rays"),

@@ -83,6 +83,6 @@ def test_failures_are_told_in_one_line(tmp_path):
     with pytest.raises(InputError, match="there is no such file"):
         read_image(tmp_path / "none.png")
     (tmp_path / "bad.png").write_bytes(b"not a picture")
-    with pytest.raises(InputError, match="cannot be read as a picture") as failure:
+    with pytest.raises(InputError, match="cannot be read as an image") as failure:
         read_image(tmp_path / "bad.png")
     assert "\n" not in str(failure.value)

@@ -177,7 +177,7 @@ def test_without_a_word_about_it_the_picture_of_the_same_name_is_taken(save, pic
         (f"{TRIANGLE}f 1/1 2/2 3/3\n", None, r"no made\.png beside it; pass one with --texture"),
         (f"{TRIANGLE}f 1 2 3\n", "light.png", "has no UVs"),
         (f"{TRIANGLE}f 1/1 2/2 3/3\n", "none.png", "there is no such file"),
-        (f"{TRIANGLE}f 1/1 2/2 3/3\n", "made.obj", "cannot be read as a picture"),
+        (f"{TRIANGLE}f 1/1 2/2 3/3\n", "made.obj", "cannot be read as an image"),
         (f"{TRIANGLE}f 1/1 2/2 3/3\n", "nan.exr", "not finite"),
     ],
 )
@@ -191,7 +191,7 @@ def test_what_is_missing_is_said(save, pictures, text, texture, said):
 def test_embedded_bytes_that_are_no_picture_are_called_by_their_name():
     with pytest.raises(InputError) as failure:
         decode_pixels(b"not a picture", "image 3 of a.glb")
-    assert str(failure.value).startswith("image 3 of a.glb: cannot be read as a picture")
+    assert str(failure.value).startswith("image 3 of a.glb: cannot be read as an image")
     assert "/tmp" not in str(failure.value)
 
 

@@ -143,7 +143,7 @@ def test_each_axis_wraps_as_its_sampler_says(cubes, gltf, pack):
 
 def test_where_uvs_wrap_so_does_the_enlarged_occlusion(cubes, gltf, pack):
     ao = np.array([[0.0, 1.0]])
-    path, warnings = pack(cubes(rough(gltf.texture(ROUGHNESS[:1, :4]))).load(), "a.glb", ao=ao, wraps=True)
+    path, warnings = pack(cubes(rough(gltf.texture(ROUGHNESS[:1, :4]))).load(), "a.glb", ao=ao, repeats=True)
     packed = pixels(GltfValues(path), infos(GltfValues(path))[1])
     assert packed[0, :, 0].tolist() == [64, 64, 191, 191]
     assert warnings == ()
@@ -209,7 +209,7 @@ MOVED = {"KHR_texture_transform": {"offset": [0.5, 0]}}
         (rough(0, extensions={"KHR_texture_transform": {"rotation": 1}}), {}, "is transformed"),
         (rough(0, extensions={"KHR_texture_transform": {"scale": [1, -1]}}), {}, "is transformed"),
         (rough(0, extensions={"KHR_texture_transform": {"texCoord": 1}}), {}, "on other UVs"),
-        (rough(1), {"wraps": True}, "does not repeat as the UVs do"),
+        (rough(1), {"repeats": True}, "does not repeat as the UVs do"),
         (rough(2), {}, "picture cannot be read"),
         (rough(3), {}, "picture cannot be read"),
         (rough(4), {}, "picture cannot be read"),

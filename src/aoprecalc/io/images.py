@@ -1,7 +1,6 @@
-"""Pictures, mostly of one linear channel, written and read through OpenImageIO.
+"""Images, mostly of one linear channel, written and read through OpenImageIO.
 
-Rounding is ours: in 8 bits a value a becomes floor(255 a + 0.5), in 16 bits floor(65535 a + 0.5), and what lies
-outside [0, 1] becomes the nearest end.
+Integers are quantized here: floor(255 a + 0.5) in 8 bits, floor(65535 a + 0.5) in 16 bits, with a clamped to [0, 1].
 """
 
 import tempfile
@@ -19,7 +18,7 @@ from aoprecalc.types import Float32Array
 
 Depth = Literal["8", "16", "half", "float"]
 
-# What each kind of file can hold; the first is what `auto` means.
+# The bit depths of each file format by extension; the first is the default (`auto`).
 BIT_DEPTHS: dict[str, tuple[Depth, ...]] = {
     ".png": ("8", "16"),
     ".exr": ("half", "float"),
@@ -33,56 +32,56 @@ BIT_DEPTHS: dict[str, tuple[Depth, ...]] = {
 
 IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
 
-# These note when they were written unless told a date; the same picture must give the same bytes.
-DATED = (".exr", ".tif", ".tiff")
-NO_DATE = "1970:01:01 00:00:00"
+# Formats that store the time of writing unless given one; equal images must give equal bytes.
+_DATED = (".exr", ".tif", ".tiff")
+_FIXED_DATE = "1970:01:01 00:00:00"
 
-_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
+_OIIO_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
 
 def choose_bit_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
-    """Return the depth in which a picture of that name is written.
+    """Return the bit depth of an image written to `path`.
 
-    Raises UsageError for an extension that is not known, and for a depth that it cannot hold.
+    Raises UsageError for an unknown extension, and for a depth that its format does not have.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in BIT_DEPTHS:
         raise UsageError(
-            f"{path}: the extension {suffix or '(none)'} is no picture's, one of {', '.join(BIT_DEPTHS)} was expected"
+            f"{path}: the extension {suffix or '(none)'} is not that of an image; use one of {', '.join(BIT_DEPTHS)}"
         )
     if bit_depth == "auto":
         return BIT_DEPTHS[suffix][0]
     if bit_depth not in BIT_DEPTHS[suffix]:
         raise UsageError(
-            f"{path}: {suffix} holds no values of depth {bit_depth}, it takes {', '.join(BIT_DEPTHS[suffix])}; "
-            "choose another extension or depth"
+            f"{path}: {suffix} has no bit depth {bit_depth}, it has {', '.join(BIT_DEPTHS[suffix])}; "
+            "choose another extension or bit depth"
         )
     return bit_depth
 
 
 def write_image(path: str | PathLike[str], values: Float32Array, bit_depth: BitDepth = "auto") -> None:
-    """Write a picture, its kind by the extension of `path`; the same values give the same bytes.
+    """Write an image in the format of the extension; equal values give equal bytes.
 
-    values   (height, width) or (height, width, channels) float32; row 0 is the upper one
+    values   (height, width) or (height, width, channels) float32; row 0 is the top row
 
     Raises UsageError as `choose_bit_depth` does, and OutputError where it cannot be written.
     """
     depth = choose_bit_depth(path, bit_depth)
-    _write(path, np.atleast_3d(quantize(values, depth)), depth, space="data")  # else PNG is tagged sRGB
+    _write(path, np.atleast_3d(quantize(values, depth)), depth, space="data")  # otherwise OpenImageIO tags PNG as sRGB
 
 
 def png_bytes(values: Float32Array) -> bytes:
-    """Return the bytes of a PNG of 8 bits that `write_image` makes of such values."""
+    """Return the 8-bit PNG that `write_image` writes, as bytes."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "picture.png"
+        file = Path(folder) / "image.png"
         write_image(file, values, "8")
         return file.read_bytes()
 
 
 def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:
-    """Write a picture to look at, (height, width, 3) RGB in sRGB; row 0 is the upper one.
+    """Write an sRGB image, (height, width, 3) uint8; row 0 is the top row.
 
-    Raises UsageError for a kind of file that holds no 8 bits, and OutputError where it cannot be written.
+    Raises UsageError for a format without 8 bits, and OutputError where it cannot be written.
     """
     _write(path, colors, choose_bit_depth(path, "8"), space="sRGB")
 
@@ -90,59 +89,59 @@ def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:
 def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str) -> None:
     import OpenImageIO
 
-    OpenImageIO.attribute("tiff:half", 1)  # else 16-bit floats are stored as 32-bit ones
+    OpenImageIO.attribute("tiff:half", 1)  # otherwise 16-bit floats are stored as 32-bit floats
     buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
     spec = buffer.specmod()
     spec.attribute("oiio:ColorSpace", space)
-    if Path(path).suffix.lower() in DATED:
-        spec.attribute("DateTime", NO_DATE)
-    if not buffer.write(str(path), _TYPES[depth]):
-        raise OutputError(f"{path}: the picture cannot be written ({_line(buffer.geterror())}); choose another output")
+    if Path(path).suffix.lower() in _DATED:
+        spec.attribute("DateTime", _FIXED_DATE)
+    if not buffer.write(str(path), _OIIO_TYPES[depth]):
+        raise OutputError(f"{path}: the image cannot be written ({_line(buffer.geterror())}); choose another output")
 
 
 def quantize(values: Float32Array, depth: Depth) -> NDArray[Any]:
-    """Return values of [0, 1], or beyond, in the type in which they are stored: uint8, uint16, float16 or float32."""
+    """Return values in the stored type, uint8, uint16, float16 or float32; integers are clamped to [0, 1] first."""
     if depth == "float":
         return np.asarray(values, dtype=np.float32)
     if depth == "half":
         return np.asarray(values, dtype=np.float16)
-    most = 255 if depth == "8" else 65535
-    scaled = np.floor(np.clip(values, 0.0, 1.0).astype(np.float64) * most + 0.5)
+    maximum = 255 if depth == "8" else 65535
+    scaled = np.floor(np.clip(values, 0.0, 1.0).astype(np.float64) * maximum + 0.5)
     return scaled.astype(np.uint8 if depth == "8" else np.uint16)
 
 
 def read_image(path: str | PathLike[str]) -> Float32Array:
-    """Return the (height, width) float32 values of a picture's first channel; see `read_pixels`."""
+    """Return the first channel of an image, (height, width) float32; see `read_pixels`."""
     return np.ascontiguousarray(read_pixels(path)[:, :, 0])
 
 
 def read_pixels(path: str | PathLike[str]) -> Float32Array:
-    """Return the (height, width, channels) float32 values of a picture; integers come as fractions of their most.
+    """Return an image as (height, width, channels) float32; integers are divided by their maximum.
 
-    They are as in the file: neither decoded as colours nor multiplied by its alpha.
+    Values are as stored: no colour space conversion, no premultiplied alpha.
 
     Raises InputError where it is missing or cannot be read.
     """
     import OpenImageIO
 
     if Path(path).is_dir():
-        raise InputError(f"{path}: is a folder, a picture was expected")
+        raise InputError(f"{path}: is a folder, an image was expected")
     if not Path(path).is_file():
-        raise InputError(f"{path}: there is no such file, a picture was expected; check the path")
-    as_stored = OpenImageIO.ImageSpec()
-    as_stored.attribute("oiio:UnassociatedAlpha", 1)
-    buffer = OpenImageIO.ImageBuf(str(path), 0, 0, as_stored)
+        raise InputError(f"{path}: there is no such file, an image was expected; check the path")
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    buffer = OpenImageIO.ImageBuf(str(path), 0, 0, config)
     pixels = None if buffer.has_error else buffer.get_pixels("float")
     if pixels is None or buffer.has_error:
         reason = _line(buffer.geterror())
-        raise InputError(f"{path}: cannot be read as a picture ({reason}); check the file or convert it to PNG")
+        raise InputError(f"{path}: cannot be read as an image ({reason}); check the file or convert it to PNG")
     return np.ascontiguousarray(pixels, dtype=np.float32)
 
 
 def decode_pixels(data: bytes, name: str) -> Float32Array:
-    """Read a picture, as `read_pixels` does, from the bytes of its file; errors call it by `name`."""
+    """Read an image, as `read_pixels` does, from the bytes of its file; error messages call it `name`."""
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "picture.png"  # what it is shows in the bytes, whatever it is called
+        copy = Path(folder) / "image.png"  # OpenImageIO goes by the content, not by the extension
         copy.write_bytes(data)
         try:
             return read_pixels(copy)

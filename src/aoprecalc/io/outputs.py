@@ -1,4 +1,4 @@
-"""Output files that appear whole, all together, or not at all."""
+"""Output files that appear complete and together or not at all, their paths, and JSON documents."""
 
 import json
 import math
@@ -16,10 +16,9 @@ from aoprecalc.errors import InputError, OutputError, UsageError
 
 
 class Outputs(AbstractContextManager["Outputs"]):
-    """A set of files that are written beside their places and moved there at the end of the `with` block.
+    """A set of files, written under temporary names and moved to their final paths at the end of the `with` block.
 
-    If the block raises, nothing has changed on disk: what was written is removed and earlier files
-    of the same names are as they were.
+    If the block raises, the temporary files are removed and existing files at the final paths are unchanged.
 
         with Outputs() as outputs:
             write_something(outputs.path("build/rock_ao.png"))
@@ -28,11 +27,11 @@ class Outputs(AbstractContextManager["Outputs"]):
     def __init__(self, staging: str | os.PathLike[str] | None = None) -> None:
         """Start with no files.
 
-        staging   a folder of the same file system in which files are written, rather than beside their places; these
-                  need not have their folders yet. Who gives one takes the files over by `release`
+        staging   a folder of the same file system for the temporary files; None: the folders of the final paths. With
+                  one, the final folders need not exist, and the caller takes the files by `release`
         """
         self._staging = None if staging is None else Path(staging)
-        self._asked: dict[Path, Path] = {}  # a file with links followed -> as it was asked for
+        self._requested: dict[Path, Path] = {}  # resolved path -> the path as the caller gave it
         self._pending: dict[Path, Path] = {}
         self._claimed: set[Path] = set()
         self._protected: set[Path] = set()
@@ -40,15 +39,15 @@ class Outputs(AbstractContextManager["Outputs"]):
 
     @property
     def files(self) -> list[Path]:
-        """The files written so far, in the order in which they were begun, with links followed."""
+        """The final paths of the files written so far, resolved, in the order of writing."""
         return list(self._pending)
 
     def protect(self, paths: Iterable[str | os.PathLike[str]]) -> None:
-        """Refuse to write these files from now on: they belong to the input."""
+        """Refuse to overwrite these files, which belong to the input."""
         self._protected.update(_real(path) for path in paths)
 
     def folder(self, path: str | os.PathLike[str]) -> Path:
-        """Make a folder where it is missing, with those above it; they are removed again if the block fails.
+        """Create a folder and its parents where they are missing; they are removed again if the block fails.
 
         Raises OutputError where that is not possible.
         """
@@ -64,21 +63,21 @@ class Outputs(AbstractContextManager["Outputs"]):
         return folder
 
     def written(self, final: str | os.PathLike[str]) -> Path:
-        """Return where the contents of `final` are now: under its temporary path if it is one of these files."""
+        """Return the path at which the content of `final` is now: its temporary path if it is one of these files."""
         return self._pending.get(_real(final), Path(final))
 
     @property
     def staged(self) -> bool:
-        """Tell whether the files are for someone else, who may have more that go beside them."""
+        """Tell whether the files are staged, for a caller that may put other files beside them."""
         return self._staging is not None
 
     def release(self) -> dict[Path, Path]:
-        """Return the place of each file, as it was asked for, and where it is now; the caller moves or removes it."""
+        """Return {final path: temporary path}; the caller now moves or removes the files."""
         pending, self._pending = self._pending, {}
-        return {self._asked[target]: temporary for target, temporary in pending.items()}
+        return {self._requested[target]: temporary for target, temporary in pending.items()}
 
     def claim(self, final: str | os.PathLike[str]) -> None:
-        """Make sure, before long work, that `final` can be written and that nothing else will be written there.
+        """Check, before long work, that `final` can be written, and reserve it.
 
         Raises as `path` does; leaves no file.
         """
@@ -89,10 +88,10 @@ class Outputs(AbstractContextManager["Outputs"]):
         self._claimed.add(_real(final))
 
     def path(self, final: str | os.PathLike[str]) -> Path:
-        """Return the temporary path (same folder, same extension) under which `final` is to be written now.
+        """Return the temporary path (same extension) to which the caller writes the content of `final`.
 
-        Raises OutputError where the folder is missing or cannot be written, and where `final` is there but no regular
-        file; UsageError where it is one of the input's own files or was asked for before.
+        Raises OutputError where the folder is missing or not writable, and where `final` exists but is no regular file;
+        UsageError where it is one of the input's own files or was requested before.
         """
         target = _real(final)
         if target in self._pending:
@@ -111,13 +110,13 @@ class Outputs(AbstractContextManager["Outputs"]):
             raise OutputError(
                 f"{final}: cannot write there ({error.strerror}); choose another output or change its permissions"
             ) from error
-        self._pending[target], self._asked[target] = temporary, Path(final)
+        self._pending[target], self._requested[target] = temporary, Path(final)
         return temporary
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Move every file to its place, or remove them all if the block failed."""
+        """Move every file to its final path, or remove them all if the block failed."""
         try:
             if kind is None:
                 self._commit()
@@ -139,55 +138,57 @@ class Outputs(AbstractContextManager["Outputs"]):
 
 
 def _real(path: str | os.PathLike[str]) -> Path:
-    """One name for each file: absolute, with links followed."""
+    """Return the absolute path with links resolved."""
     return Path(os.path.realpath(path))
 
 
-# Where outputs go: the paths that options name, made definite.
+# The paths that options name.
 
 
 def output_path(wanted: str | PathLike[str] | None, default: str | Path) -> Path:
-    """Return the file that an output option means.
+    """Return the path of an output file.
 
-    wanted    a file; a folder (existing, or ending in a slash), which takes the default's name; or None: the default
-    default   a file name, or a path, relative to the current folder
+    wanted    as the user gave it: a file, or a folder (existing, or ending in a slash) for a file with the name of the
+              default; None: the default
+    default   a path, relative to the current folder
     """
     if wanted is None:
         return Path(default)
     path = Path(wanted)
-    return path / Path(default).name if path.is_dir() or _says_folder(wanted) else path
+    return path / Path(default).name if path.is_dir() or _ends_in_slash(wanted) else path
 
 
-def claim_output(outputs: Outputs, wanted: str | PathLike[str] | None, place: Path) -> None:
-    """Make sure, before long work, that the output `place`, which `wanted` means, can be written.
+def claim_output(outputs: Outputs, wanted: str | PathLike[str] | None, path: Path) -> None:
+    """Check, before long work, that an output file can be written, and reserve it; see Outputs.claim.
 
-    Makes its folder where it is missing and `wanted` ends in a slash. Raises what Outputs.claim does.
+    wanted   as the user gave it to `output_path`; if it ends in a slash, the folder is created
+    path     what `output_path` returned
     """
-    if wanted is not None and _says_folder(wanted):
-        outputs.folder(place.parent)
-    outputs.claim(place)
+    if wanted is not None and _ends_in_slash(wanted):
+        outputs.folder(path.parent)
+    outputs.claim(path)
 
 
-def _says_folder(wanted: str | PathLike[str]) -> bool:
+def _ends_in_slash(wanted: str | PathLike[str]) -> bool:
     return os.fspath(wanted).endswith(("/", os.sep))
 
 
-# How one output file refers to another.
+# References from one output file to another.
 
 
 def relative_path(target: Path, file: Path) -> str:
-    """Return the way to `target` from the folder of `file`, with forward slashes."""
+    """Return the relative path of `target` from the folder of `file`, with forward slashes."""
     return Path(os.path.relpath(target, file.parent)).as_posix()
 
 
 def relative_uri(target: Path, file: Path) -> str:
-    """Return the same as a URI reference."""
+    """Return the relative path of `target` from the folder of `file` as a URI reference."""
     return quote(relative_path(target, file))
 
 
-# JSON documents: reports, sphere sets, records.
+# JSON documents.
 
-# The schema version of each kind of document, its "schema".
+# The version of each kind of document, its member "schema".
 SCHEMAS = {
     "bake": 1,
     "batch": 1,
@@ -200,24 +201,21 @@ SCHEMAS = {
 }
 
 
-def json_text(report: dict[str, Any]) -> str:
-    """Lay a report out as JSON that people can read too."""
-    return json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+def json_text(document: dict[str, Any]) -> str:
+    """Return a document as indented JSON; raises ValueError where a number is not finite."""
+    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def write_json(path: Path, report: dict[str, Any]) -> None:
-    """Write a report; raises OutputError where the file cannot be written."""
+def write_json(path: Path, document: dict[str, Any]) -> None:
+    """Write a document as indented JSON; raises OutputError where the file cannot be written."""
     try:
-        path.write_text(json_text(report), encoding="utf-8")
+        path.write_text(json_text(document), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
-    """Read a JSON object whose numbers are finite.
-
-    Raises InputError where the file is missing or holds something else.
-    """
+    """Read a JSON object of finite numbers; raises InputError where the file is missing or holds something else."""
     try:
         document = json.loads(path.read_bytes(), parse_float=_finite, parse_constant=_finite)
     except OSError as error:

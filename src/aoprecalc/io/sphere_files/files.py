@@ -1,7 +1,8 @@
-"""Reads the spheres of a set for measuring or comparing them, whatever made it."""
+"""Sphere-set files of every format: reading, writing and the table of formats."""
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from aoprecalc.io.sphere_files.json_format import check_spheres, read_coarser, r
 from aoprecalc.io.sphere_files.scenes import (
     curobo_yaml,
     identifier,
-    printable,
+    printable_name,
     spheres_glb,
     spheres_obj,
     urdf_robot,
@@ -20,29 +21,58 @@ from aoprecalc.io.sphere_files.scenes import (
 from aoprecalc.io.sphere_files.tables import csv_table, npz_archive, ply_points, read_csv, read_npz
 from aoprecalc.types import Float64Array, Scene, SphereSet
 
-_READERS = {".json": read_json, ".csv": read_csv, ".npz": read_npz}
+Spheres = tuple[Float64Array, Float64Array]  # centers (n, 3) and radii (n,)
+Quality = dict[str, float]
 
 
-def read_spheres(path: Path) -> tuple[Float64Array, Float64Array]:
+@dataclass(frozen=True)
+class SphereFormat:
+    """A format of sphere sets.
+
+    write   (spheres, quality, scene) -> the content of the file
+    read    file -> (centers, radii), unchecked; None for a format that is only written
+    """
+
+    write: Callable[[SphereSet, Quality, Scene | None], str | bytes]
+    read: Callable[[Path], Spheres] | None = None
+
+
+_CUROBO = SphereFormat(lambda spheres, quality, scene: curobo_yaml(spheres, printable_name(scene)))
+
+SPHERE_FORMATS = {
+    ".json": SphereFormat(lambda spheres, quality, scene: sphere_document(spheres, quality), read_json),
+    ".csv": SphereFormat(lambda spheres, quality, scene: csv_table(spheres), read_csv),
+    ".npz": SphereFormat(lambda spheres, quality, scene: npz_archive(spheres), read_npz),
+    ".ply": SphereFormat(lambda spheres, quality, scene: ply_points(spheres)),
+    ".obj": SphereFormat(lambda spheres, quality, scene: spheres_obj(spheres)),
+    ".glb": SphereFormat(lambda spheres, quality, scene: spheres_glb(spheres, scene)),
+    ".yml": _CUROBO,
+    ".yaml": _CUROBO,
+    ".urdf": SphereFormat(lambda spheres, quality, scene: urdf_robot(spheres, printable_name(scene))),
+    ".usda": SphereFormat(lambda spheres, quality, scene: usda_stage(spheres, identifier(scene))),
+}
+SPHERE_EXTENSIONS = tuple(SPHERE_FORMATS)
+READABLE_SPHERE_EXTENSIONS = tuple(suffix for suffix, known in SPHERE_FORMATS.items() if known.read is not None)
+
+
+def read_spheres(path: Path) -> Spheres:
     """Read (centers, radii), (n, 3) and (n,) float64, n >= 1, from .json, .csv or .npz.
 
-    Of a JSON only its "spheres" count, and its "schema" where it has one.
-    Raises InputError where the file is missing, has another extension, is not as `write_sphere_set` writes it or holds
-    a number that no sphere can have.
+    A JSON needs only "spheres"; its "schema" is checked where it has one.
+    Raises InputError where the file is missing, has another extension, is damaged or holds an impossible sphere.
     """
-    read = _READERS.get(path.suffix.lower())
-    if read is None:
+    known = SPHERE_FORMATS.get(path.suffix.lower())
+    if known is None or known.read is None:
         found = f"the extension {path.suffix}" if path.suffix else "no extension"
-        raise InputError(
-            f"{path}: has {found}; spheres are read from {', '.join(_READERS)}, write them as one of these"
-        )
-    centers, radii = read(path)
+        readable = ", ".join(READABLE_SPHERE_EXTENSIONS)
+        raise InputError(f"{path}: has {found}; spheres are read from {readable}, write them as one of these")
+    centers, radii = known.read(path)
     check_spheres(path, centers, radii)
     return centers, radii
 
 
-def read_levels(path: Path) -> list[tuple[Float64Array, Float64Array]]:
-    """Read (centers, radii) of every level of a set, the coarsest first; only .json has more than one.
+def read_levels(path: Path) -> list[Spheres]:
+    """Read (centers, radii) of every level of a set, the coarsest first; only .json holds more than one.
 
     Raises InputError as `read_spheres` does.
     """
@@ -52,45 +82,27 @@ def read_levels(path: Path) -> list[tuple[Float64Array, Float64Array]]:
     return [*levels, read_spheres(path)]
 
 
-# Writes a sphere set in the format that the extension of its file names.
-
-_FORMATS: dict[str, Callable[[SphereSet, dict[str, float], Scene | None], str | bytes]] = {
-    ".json": lambda spheres, quality, scene: sphere_document(spheres, quality),
-    ".csv": lambda spheres, quality, scene: csv_table(spheres),
-    ".npz": lambda spheres, quality, scene: npz_archive(spheres),
-    ".ply": lambda spheres, quality, scene: ply_points(spheres),
-    ".obj": lambda spheres, quality, scene: spheres_obj(spheres),
-    ".glb": lambda spheres, quality, scene: spheres_glb(spheres, scene),
-    ".yml": lambda spheres, quality, scene: curobo_yaml(spheres, printable(scene)),
-    ".yaml": lambda spheres, quality, scene: curobo_yaml(spheres, printable(scene)),
-    ".urdf": lambda spheres, quality, scene: urdf_robot(spheres, printable(scene)),
-    ".usda": lambda spheres, quality, scene: usda_stage(spheres, identifier(scene)),
-}
-SPHERE_EXTENSIONS = tuple(_FORMATS)
-
-
 def check_sphere_extension(path: Path) -> None:
-    """Raise UsageError where a sphere set cannot be written to a file of this name; to be asked before the work."""
-    if path.suffix.lower() not in SPHERE_EXTENSIONS:
+    """Raise UsageError where no format of sphere sets has the extension of `path`; to be called before the work."""
+    if path.suffix.lower() not in SPHERE_FORMATS:
         found = f"the extension {path.suffix}" if path.suffix else "no extension"
-        raise UsageError(
-            f"{path}: has {found}; sphere sets are written as {', '.join(SPHERE_EXTENSIONS)}, rename the output"
-        )
+        known = ", ".join(SPHERE_EXTENSIONS)
+        raise UsageError(f"{path}: has {found}; sphere sets are written as {known}, rename the output")
 
 
-def write_sphere_set(path: Path, spheres: SphereSet, quality: dict[str, float], scene: Scene | None = None) -> None:
-    """Write spheres in the format of the extension; only JSON also holds what was measured about them.
+def write_sphere_set(path: Path, spheres: SphereSet, quality: Quality, scene: Scene | None = None) -> None:
+    """Write spheres in the format of the extension; only JSON also holds the quality.
 
-    scene   what they stand for: its mesh is shown in a .glb, its name given to links and prims
+    scene   the mesh that the spheres stand for: a .glb shows it, and links and prims have its name
 
     Numbers have the digits that give the same float64 back; the same values give the same bytes.
-    Raises UsageError for an unknown extension, OutputError where a number is not finite (the mesh's positions in a
-    .glb are float32) or the file cannot be written.
+    Raises UsageError for an unknown extension, OutputError where a number is not finite (the mesh's positions in a .glb
+    are float32) or the file cannot be written.
     """
     check_sphere_extension(path)
     try:
         _require_finite(spheres, quality)
-        content = _FORMATS[path.suffix.lower()](spheres, quality, scene)
+        content = SPHERE_FORMATS[path.suffix.lower()].write(spheres, quality, scene)
     except ValueError as error:
         raise OutputError(
             f"{path}: a centre, a radius or a quality is not a finite number; bring the mesh to a size near 1"
@@ -101,8 +113,8 @@ def write_sphere_set(path: Path, spheres: SphereSet, quality: dict[str, float], 
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
 
 
-def _require_finite(spheres: SphereSet, quality: dict[str, float]) -> None:
-    """Raise ValueError where JSON could not hold a number, whatever the format: a set is fit for all or for none."""
+def _require_finite(spheres: SphereSet, quality: Quality) -> None:
+    """Raise ValueError where a number is not finite, in every format alike, for JSON cannot hold it."""
     json.dumps(quality, allow_nan=False)
     if not (np.isfinite(spheres.centers).all() and np.isfinite(spheres.radii).all()):
         raise ValueError("not a finite number")

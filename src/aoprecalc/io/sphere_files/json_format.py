@@ -1,4 +1,4 @@
-"""What all readers of sphere sets ask of a file: that it is there, and that its numbers are spheres."""
+"""Sphere sets as JSON: the spheres, how they were fitted and their quality; and the checks of all readers."""
 
 import json
 from pathlib import Path
@@ -10,9 +10,11 @@ from aoprecalc.errors import InputError
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.types import Float64Array, SphereSet
 
+_SCHEMA = SCHEMAS["spheres"]
 
-def source_bytes(path: Path) -> bytes:
-    """Return what is in a file; raises InputError where it cannot be read."""
+
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a file; raises InputError where it cannot be read."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -27,23 +29,17 @@ def check_spheres(path: Path, centers: Float64Array, radii: Float64Array) -> Non
         raise InputError(f"{path}: expected finite centers and finite radii >= 0, found others; mend the file")
 
 
-_SCHEMA = SCHEMAS["spheres"]
-
-# Sphere sets as JSON: the spheres, how they were made and what was measured about them.
-
-
 def sphere_document(spheres: SphereSet, quality: dict[str, float]) -> str:
-    """Lay out spheres, and what was measured about them, as a document of schema 1, one sphere a line.
+    """Return a sphere set and its quality as JSON of schema 1, one sphere a line.
 
         {"schema": 1, "spheres": [{"center": [x, y, z], "radius": r}, ...], "method", "radius_rule", "samples",
          "seed", "iterations", "converged", "quality": {...}}
 
-    With levels each sphere of a finer one has a "parent", the number of a sphere of the next coarser level; "levels"
-    are [{"spheres": [...]}, ...], the coarsest first, without the finest, which is "spheres". "guarded" is there for
-    the method algebraic.
-    Raises ValueError where a number is not finite: JSON has no such numbers.
+    In a set with levels, each sphere has a "parent": the index of a sphere of the next coarser level. "levels" lists
+    the coarser levels, the coarsest first, as [{"spheres": [...]}, ...]. The method algebraic adds "guarded".
+    Raises ValueError where a number is not finite, which JSON cannot hold.
     """
-    facts = {
+    fields = {
         "method": spheres.method,
         "radius_rule": spheres.radius_rule,
         "samples": spheres.samples,
@@ -53,16 +49,16 @@ def sphere_document(spheres: SphereSet, quality: dict[str, float]) -> str:
         "quality": quality,
     }
     if spheres.method == "algebraic":
-        facts["guarded"] = spheres.guarded
+        fields["guarded"] = spheres.guarded
     if spheres.coarser is not None:
-        facts["levels"] = [{"spheres": _rows(level)} for level in _coarser(spheres)]
+        fields["levels"] = [{"spheres": _rows(level)} for level in _coarser(spheres)]
     lines = ",\n".join(f"    {json.dumps(row, allow_nan=False)}" for row in _rows(spheres))
-    rest = ",\n".join(f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in facts.items())
-    return f'{{\n  "schema": {_SCHEMA},\n  "spheres": [\n{lines}\n  ],\n{rest}\n}}\n'
+    other_lines = ",\n".join(f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in fields.items())
+    return f'{{\n  "schema": {_SCHEMA},\n  "spheres": [\n{lines}\n  ],\n{other_lines}\n}}\n'
 
 
 def _rows(spheres: SphereSet) -> list[dict[str, Any]]:
-    """Return what the document holds of each sphere."""
+    """Return the JSON object of each sphere."""
     numbers = zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True)
     rows: list[dict[str, Any]] = [{"center": center, "radius": radius} for center, radius in numbers]
     if spheres.parents is not None:
@@ -71,19 +67,19 @@ def _rows(spheres: SphereSet) -> list[dict[str, Any]]:
 
 
 def _coarser(spheres: SphereSet) -> list[SphereSet]:
-    """Return the levels above one, the coarsest first."""
+    """Return the coarser levels of a set, the coarsest first."""
     return [] if spheres.coarser is None else [*_coarser(spheres.coarser), spheres.coarser]
 
 
 def quality_document(count: int, quality: dict[str, float]) -> str:
-    """Lay out what was measured about `count` spheres: {"schema": 1, "spheres": count, "quality": {...}}."""
+    """Return the quality of `count` spheres as JSON: {"schema": 1, "spheres": count, "quality": {...}}."""
     return json.dumps({"schema": _SCHEMA, "spheres": count, "quality": quality}, indent=2, allow_nan=False) + "\n"
 
 
 def read_sphere_set(path: Path) -> tuple[SphereSet, dict[str, float]]:
-    """Read the whole of what `sphere_document` laid out, but for coarser levels.
+    """Read a sphere set and its quality from JSON; coarser levels are left out.
 
-    Raises InputError where the file is missing, is not such a document or holds a number that no sphere can have.
+    Raises InputError where the file is missing, is no sphere set or holds an impossible sphere.
     """
     document = _load(path)
     _require_schema(path, document.get("schema"))
@@ -102,15 +98,15 @@ def read_sphere_set(path: Path) -> tuple[SphereSet, dict[str, float]]:
         )
         quality = {str(name): float(value) for name, value in document["quality"].items()}
     except KeyError as error:
-        raise _lacks(path, error) from error
+        raise _missing_key(path, error) from error
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise _is_none(path, error) from error
+        raise _not_a_sphere_set(path, error) from error
     check_spheres(path, centers, radii)
     return spheres, quality
 
 
 def read_json(path: Path) -> tuple[Float64Array, Float64Array]:
-    """Read (centers, radii) as float64, of the shapes that are in the file, unchecked.
+    """Read (centers, radii) as float64, unchecked.
 
     Raises InputError where the file is missing, is not JSON, has another schema or no "spheres" of numbers.
     """
@@ -120,7 +116,7 @@ def read_json(path: Path) -> tuple[Float64Array, Float64Array]:
 
 
 def read_coarser(path: Path) -> list[tuple[Float64Array, Float64Array]]:
-    """Read what `read_json` does of each of the coarser levels, the coarsest first; there may be none."""
+    """Read (centers, radii) of each coarser level, unchecked, the coarsest first; there may be none."""
     levels = _load(path).get("levels", [])
     if not (isinstance(levels, list) and all(isinstance(level, dict) for level in levels)):
         raise InputError(f'{path}: has "levels" that are no sphere sets; write it again with `aoprecalc spheres`')
@@ -129,7 +125,7 @@ def read_coarser(path: Path) -> list[tuple[Float64Array, Float64Array]]:
 
 def _load(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(source_bytes(path))
+        document = json.loads(read_file(path))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON; expected a sphere set as `aoprecalc spheres` writes it") from error
     return document if isinstance(document, dict) else {}
@@ -147,15 +143,15 @@ def _spheres(path: Path, document: dict[str, Any]) -> tuple[Float64Array, Float6
         centers = np.array([sphere["center"] for sphere in document["spheres"]], np.float64)
         radii = np.array([sphere["radius"] for sphere in document["spheres"]], np.float64)
     except KeyError as error:
-        raise _lacks(path, error) from error
+        raise _missing_key(path, error) from error
     except (TypeError, ValueError, OverflowError) as error:
-        raise _is_none(path, error) from error
+        raise _not_a_sphere_set(path, error) from error
     return centers, radii
 
 
-def _lacks(path: Path, error: KeyError) -> InputError:
+def _missing_key(path: Path, error: KeyError) -> InputError:
     return InputError(f"{path}: lacks {error}; write it again with `aoprecalc spheres`")
 
 
-def _is_none(path: Path, error: Exception) -> InputError:
+def _not_a_sphere_set(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: is not a sphere set ({error}); write it with `aoprecalc spheres`")

@@ -1,4 +1,4 @@
-"""What a sphere set is called where a format wants a name: as the file of its mesh is."""
+"""Sphere sets as scenes: GLB and OBJ with icospheres, YAML of cuRobo, URDF and USDA with sphere primitives."""
 
 import json
 import re
@@ -13,38 +13,35 @@ from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
 
-def printable(scene: Scene | None) -> str:
-    """Return the stem of the scene's file; bytes that are no UTF-8 and control characters, which XML lacks, are _."""
+def printable_name(scene: Scene | None) -> str:
+    """Return the stem of the scene's file, with _ for invalid UTF-8 and for control characters, which XML lacks."""
     stem = scene.path.stem if scene is not None else ""
     return "".join(letter if letter.isprintable() else "_" for letter in stem) or "mesh"
 
 
 def identifier(scene: Scene | None) -> str:
-    """Return the same as an ASCII identifier: letters, digits and _, not a digit first."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", printable(scene))
+    """Return the stem of the scene's file as an ASCII identifier: letters, digits and _, no digit first."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", printable_name(scene))
     return f"_{name}" if name[0].isdigit() else name
 
 
-# The ball that stands for a sphere where a format has only triangles, and the colour of all of them.
-
 COLOR = (0.9, 0.4, 0.1, 0.4)  # red, green, blue and opacity: the mesh shows through
+_SUBDIVISIONS = 3  # 1280 triangles; they lie at most 0.5% of the radius inside the sphere
 
-_DIVISIONS = 3  # 1280 triangles; they lie at most 0.5% of the radius inside the sphere
 
-
-def unit_ball() -> tuple[Float64Array, Int32Array]:
-    """Return (points, triangles) of an icosphere around the origin, its points at distance 1.
+def unit_icosphere() -> tuple[Float64Array, Int32Array]:
+    """Return (points, triangles) of an icosphere of radius 1 around the origin.
 
     points      (642, 3) float64, which are its normals too
     triangles   (1280, 3) int32, counter-clockwise seen from outside
     """
     from trimesh.creation import icosphere  # takes half a second, which other formats should not pay
 
-    ball = icosphere(subdivisions=_DIVISIONS)
+    ball = icosphere(subdivisions=_SUBDIVISIONS)
     return np.asarray(ball.vertices, np.float64), np.asarray(ball.faces, np.int32)
 
 
-# Sphere sets as GLB: the mesh, and one translucent ball that as many nodes as there are spheres place and scale.
+# GLB: the mesh, and one translucent icosphere that a node for each sphere moves and scales.
 
 _MESH: Json = {
     "name": "mesh",
@@ -58,18 +55,18 @@ _TRANSLUCENT: Json = {
 
 
 def spheres_glb(spheres: SphereSet, scene: Scene | None) -> bytes:
-    """Lay out a node `sphere_<number>` for each sphere, from 0, after that of the scene's mesh, where there is one.
+    """Return a GLB with a node for the scene's mesh, if there is one, and a node `sphere_<n>` for each sphere, from 0.
 
-    The mesh is one piece in one colour, its positions rounded to float32; spheres are placed in float64.
+    The mesh has one colour; its positions are rounded to float32. The nodes of spheres are in float64.
     Raises ValueError where a position of the mesh is beyond float32.
     """
     document: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0}
     document |= {"scenes": [], "nodes": [], "meshes": [], "materials": []}
     buffer = GltfBuffer(document)
     if scene is not None:
-        name = printable(scene)
+        name = printable_name(scene)
         document["nodes"].append({"name": name, "mesh": _add(document, name, _surface(buffer, scene), _MESH)})
-    ball = _add(document, "sphere", _ball(buffer), _TRANSLUCENT)
+    ball = _add(document, "sphere", _icosphere(buffer), _TRANSLUCENT)
     document["nodes"] += [
         {"name": f"sphere_{number}", "mesh": ball, "translation": center, "scale": [radius] * 3}
         for number, (center, radius) in enumerate(zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True))
@@ -88,7 +85,7 @@ def _add(document: Json, name: str, primitive: Json, material: Json) -> int:
 
 
 def _surface(buffer: GltfBuffer, scene: Scene) -> Json:
-    """Return the primitive of a scene; it has the file's normals, without which viewers shade each face flat."""
+    """Return the primitive of a scene with the file's normals; without normals viewers shade each face flat."""
     split = corners_to_vertices(scene.faces, *([] if scene.normals is None else [scene.normals]))
     with np.errstate(over="ignore"):
         positions = scene.positions[scene.faces.reshape(-1)[split.corner]].astype(np.float32)
@@ -100,22 +97,19 @@ def _surface(buffer: GltfBuffer, scene: Scene) -> Json:
     return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
 
 
-def _ball(buffer: GltfBuffer) -> Json:
-    """Return the primitive of a ball of radius 1, whose points are their own normals."""
-    points, triangles = unit_ball()
+def _icosphere(buffer: GltfBuffer) -> Json:
+    """Return the primitive of the unit icosphere, whose points are their own normals."""
+    points, triangles = unit_icosphere()
     accessor = buffer.add_floats(points, bounded=True)
     return {"attributes": {"POSITION": accessor, "NORMAL": accessor}, "indices": buffer.add_triangles(triangles)}
 
 
-# Sphere sets as Wavefront OBJ: an icosphere for each sphere, for programs that know only triangles.
-
-
 def spheres_obj(spheres: SphereSet) -> str:
-    """Lay out an object `sphere_<number>` for each sphere, from 0; they share one set of normals.
+    """Return an OBJ with an icosphere `sphere_<n>` for each sphere, from 0; they share one set of normals.
 
-    A sphere of radius 0 is an object too, all of whose triangles lie in its centre.
+    A sphere of radius 0 is an object too: all its triangles are degenerate.
     """
-    points, triangles = unit_ball()
+    points, triangles = unit_icosphere()
     lines = ["vn {!r} {!r} {!r}".format(*row) for row in points.tolist()]
     for number, (center, radius) in enumerate(zip(spheres.centers, spheres.radii, strict=True)):
         lines.append(f"o sphere_{number}")
@@ -125,12 +119,9 @@ def spheres_obj(spheres: SphereSet) -> str:
     return "\n".join(lines) + "\n"
 
 
-# Sphere sets as the YAML in which cuRobo keeps the collision spheres of a robot's links.
-
-
 def curobo_yaml(spheres: SphereSet, link: str) -> str:
-    """Lay out all spheres as those of one link, of a printable name."""
-    # Quoted, because a bare `12` or `no` is not a string in YAML; a printable JSON string in its own letters is YAML.
+    """Return the YAML of cuRobo's collision spheres: all spheres belong to one link of the given name."""
+    # Quoted, because a bare `12` or `no` is no string in YAML; a printable JSON string is a YAML string.
     lines = ["collision_spheres:", f"  {json.dumps(link, ensure_ascii=False)}:"]
     for center, radius in zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True):
         lines.append(f"    - center: [{', '.join(map(_number, center))}]")
@@ -139,19 +130,15 @@ def curobo_yaml(spheres: SphereSet, link: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Return the digits that give the same float64 back; 1e-07 with a point, without which YAML 1.1 takes a string."""
+    """Return the shortest digits of a float64; 1e-07 gets a point, without which YAML 1.1 reads it as a string."""
     text = repr(value)
     return text if "." in text else text.replace("e", ".0e")
 
 
-# Sphere sets as URDF: a robot of one link that collides as the spheres do, and is seen as them.
-
-
 def urdf_robot(spheres: SphereSet, name: str) -> str:
-    """Lay out a robot and its link, both of the printable name, with a collision and a visual for each sphere.
+    """Return a URDF robot with one link, both of the given name; `sphere_<n>`, from 0, are its collisions and visuals.
 
-    They are called `sphere_<number>`, from 0. Spheres of radius 0 are left out: they are no bodies, and trimesh, which
-    Python readers of URDF build on, makes NaN of them.
+    Spheres of radius 0 are left out: trimesh, on which Python readers of URDF build, turns them into NaN.
     """
     robot = ElementTree.Element("robot", name=name)
     material = ElementTree.SubElement(robot, "material", name="spheres")
@@ -174,9 +161,7 @@ def _numbers(*values: float) -> str:
     return " ".join(map(repr, values))
 
 
-# Sphere sets as USD text: sphere prims under one transform.
-
-# glTF's and most meshes' y is up; what a unit of the mesh is in metres nobody knows, so that one is one.
+# USDA: sphere prims under one transform. Most meshes have y up, as glTF; their unit is unknown and taken as a metre.
 _HEAD = """\
 #usda 1.0
 (
@@ -189,7 +174,7 @@ def Xform "{name}"
 {{
 """
 
-# The extent has to be there: without it a sphere counts as one of radius 1 when boxes are computed.
+# The extent is required: without it bounding boxes are those of a sphere of radius 1.
 _SPHERE = """\
     def Sphere "sphere_{number}"
     {{
@@ -202,7 +187,7 @@ _SPHERE = """\
 
 
 def usda_stage(spheres: SphereSet, name: str) -> str:
-    """Lay out a stage whose default prim has the given name, an identifier, and a sphere prim for each sphere."""
+    """Return a USDA stage whose default prim has the given name, an identifier, with a Sphere prim for each sphere."""
     prims = [
         _SPHERE.format(number=number, x=x, y=y, z=z, radius=radius, low=-radius)
         for number, ((x, y, z), radius) in enumerate(zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Sphere sets as CSV: one row a sphere under the header x,y,z,radius."""
+"""Sphere sets as tables: CSV (x,y,z,radius), NumPy archives (centers, radii) and PLY points (x, y, z, radius)."""
 
 import csv
 import io
@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.sphere_files.json_format import source_bytes
+from aoprecalc.io.sphere_files.json_format import read_file
 from aoprecalc.types import Float64Array, SphereSet
 
 HEADER = ["x", "y", "z", "radius"]
 
 
 def csv_table(spheres: SphereSet) -> str:
-    """Lay the table out, without a carriage return at the ends of its lines."""
+    """Return the spheres as CSV; lines end without a carriage return."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(HEADER)
@@ -29,7 +29,7 @@ def read_csv(path: Path) -> tuple[Float64Array, Float64Array]:
 
     Raises InputError where the file is missing, has another header or a row that is not four numbers.
     """
-    data = source_bytes(path)
+    data = read_file(path)
     try:
         table = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))  # spreadsheets put a mark in front
         header = [name.strip() for name in next(table, [])]
@@ -49,13 +49,10 @@ def read_csv(path: Path) -> tuple[Float64Array, Float64Array]:
     return values[:, :3], values[:, 3]
 
 
-# Sphere sets as NumPy archives: the arrays centers and radii.
-
-
 def npz_archive(spheres: SphereSet) -> bytes:
-    """Pack centers (n, 3) and radii (n,), float64, as np.savez does.
+    """Return centers (n, 3) and radii (n,), float64, as the archive that np.savez writes.
 
-    np.savez leaves the time in the archive to zipfile; here it is fixed, at the least that a ZIP can hold.
+    np.savez stores the current time; here it is the earliest that a ZIP can hold, so that equal sets give equal bytes.
     """
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as members:
@@ -67,11 +64,11 @@ def npz_archive(spheres: SphereSet) -> bytes:
 
 
 def read_npz(path: Path) -> tuple[Float64Array, Float64Array]:
-    """Read (centers, radii) as float64, of the shapes that are in the file, unchecked.
+    """Read (centers, radii) as float64, unchecked.
 
     Raises InputError where the file is missing, is no such archive, or its arrays are not of real numbers.
     """
-    data = source_bytes(path)
+    data = read_file(path)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = archive["centers"], archive["radii"]
@@ -86,13 +83,11 @@ def read_npz(path: Path) -> tuple[Float64Array, Float64Array]:
     return centers.astype(np.float64), radii.astype(np.float64)
 
 
-# Sphere sets as PLY: binary points with the properties x, y, z and radius.
-
 PROPERTIES = ("x", "y", "z", "radius")
 
 
 def ply_points(spheres: SphereSet) -> bytes:
-    """Lay out one vertex a sphere, all four properties float64."""
+    """Return the spheres as a binary PLY: one vertex a sphere, with four float64 properties."""
     header = [
         "ply",
         "format binary_little_endian 1.0",
