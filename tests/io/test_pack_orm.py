@@ -203,17 +203,17 @@ MOVED = {"KHR_texture_transform": {"offset": [0.5, 0]}}
     ("material", "options", "reason"),
     [
         ({"pbrMetallicRoughness": {}}, {}, "without a metallic-roughness texture"),
-        (rough(0), {"method": "xatlas", "uv_set": None}, "on other UVs than the bake's"),
+        (rough(0), {"method": "xatlas", "uv_set": None}, "on other UVs than those of the bake"),
         (rough(0, texCoord=1), {}, "on other UVs"),
         (rough(0, extensions=MOVED), {}, "is transformed"),
         (rough(0, extensions={"KHR_texture_transform": {"rotation": 1}}), {}, "is transformed"),
         (rough(0, extensions={"KHR_texture_transform": {"scale": [1, -1]}}), {}, "is transformed"),
         (rough(0, extensions={"KHR_texture_transform": {"texCoord": 1}}), {}, "on other UVs"),
         (rough(1), {"repeats": True}, "does not repeat as the UVs do"),
-        (rough(2), {}, "picture cannot be read"),
-        (rough(3), {}, "picture cannot be read"),
-        (rough(4), {}, "picture cannot be read"),
-        (rough(5), {}, "picture cannot be read"),
+        (rough(2), {}, "image cannot be read"),
+        (rough(3), {}, "image cannot be read"),
+        (rough(4), {}, "image cannot be read"),
+        (rough(5), {}, "image cannot be read"),
     ],
     ids=[
         "none",
@@ -245,7 +245,7 @@ def test_what_cannot_be_packed_keeps_its_roughness(cubes, gltf, pack, material, 
     path, warnings = pack(maker.load("made.gltf"), "a.gltf", **{"uv_set": 0, **options})
     about = [line for line in warnings if "packed" in line]
     assert len(about) == 1
-    assert about[0].startswith("1 of 1 materials have the occlusion in a picture of its own, not packed: 1 with")
+    assert about[0].startswith("1 of 1 materials get an occlusion image that is not packed: 1 with")
     assert reason in about[0]
     document = GltfValues(path)
     roughness, occlusion = infos(document)
@@ -259,8 +259,8 @@ def test_one_warning_counts_the_reasons(cubes, gltf, pack):
     maker = cubes(rough(texture), {}, rough(texture, texCoord=1), {"name": "bare"})
     path, warnings = pack(maker.load(), "a.glb")
     assert warnings == (
-        "3 of 4 materials have the occlusion in a picture of its own, not packed: 2 without a metallic-roughness "
-        "texture, 1 with one on other UVs than the bake's",
+        "3 of 4 materials get an occlusion image that is not packed: 2 without a metallic-roughness "
+        "texture, 1 with one on other UVs than those of the bake",
     )
     document = GltfValues(path)
     found = [material["occlusionTexture"]["index"] for material in document.json["materials"]]
@@ -316,7 +316,7 @@ def test_uvs_that_are_new_although_the_set_has_the_same_number(gltf, pack):
 def test_a_picture_that_held_all_three_gets_new_occlusion(cubes, gltf, pack):
     info = {"index": gltf.texture(ROUGHNESS)}
     path, warnings = pack(cubes(rough(0) | {"occlusionTexture": info | {"strength": 0.5}}).load(), "a.glb")
-    assert warnings == ("1 materials had an occlusion texture of their own, which was replaced",)
+    assert warnings == ("the occlusion textures of 1 materials were replaced",)
     document = GltfValues(path)
     assert infos(document) == (info, occlusion_info(info["index"]))
     assert np.array_equal(pixels(document, info), np.dstack([AO, ROUGHNESS[:, :, 1:]]))

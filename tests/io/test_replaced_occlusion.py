@@ -10,7 +10,7 @@ import pytest
 from aoprecalc.errors import InputError
 from aoprecalc.io import Outputs, write_baked_mesh, write_image
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
-from aoprecalc.io.formats.gltf.references import close_gaps, place, release
+from aoprecalc.io.formats.gltf.references import add_entry, compact, release_references
 from gltf_kit.gltf_maker import png
 from gltf_kit.gltf_values import GltfValues
 
@@ -76,7 +76,7 @@ def test_the_new_one_takes_the_places_of_the_old_one(cube, gltf, bake, name, whe
     textures = [gltf.texture(*each) for each in zip(PICTURES[:3], places, wraps, strict=True)]
     source = cube(occluded(1, 0, normalTexture={"index": 2})).load("made.gltf")
     path, *_, warnings = bake(source, name)
-    assert warnings == ("1 materials had an occlusion texture of their own, which was replaced",)
+    assert warnings == ("the occlusion textures of 1 materials were replaced",)
     document = GltfValues(path)
     assert followed(path, 0) == followed(source.path, 0)
     material = document.json["materials"][0]
@@ -114,7 +114,7 @@ def test_files_of_what_was_replaced_stay_behind(cube, gltf, bake, tmp_path):
     gltf.add("textures", {"source": gltf.add("images", {"uri": "missing.png"})})
     source = cube(occluded(textures[0], textures[1]), occluded(2)).load("made.gltf")
     path, *_, warnings = bake(source, "a.gltf")
-    assert warnings == ("2 materials had an occlusion texture of their own, which was replaced",)
+    assert warnings == ("the occlusion textures of 2 materials were replaced",)
     assert {file.name for file in path.parent.iterdir()} == {"a.gltf", "a.bin", "base.png", "x_ao.png"}
     assert unused(path) == []
     assert (tmp_path / "old.png").exists()
@@ -266,9 +266,9 @@ def test_every_reference_is_renumbered_and_nothing_else():
     for view in document["bufferViews"]:
         buffer.append(b"%d.." % view["name"])
     expected = without_one(document)
-    release(document, buffer, [(document["materials"][0]["occlusionTexture"], "index")])
+    release_references(document, buffer, [(document["materials"][0]["occlusionTexture"], "index")])
     assert document["textures"][1] is document["images"][1] is document["samplers"][1] is None
-    close_gaps(document)
+    compact(document)
     assert document == expected
 
 
@@ -278,11 +278,11 @@ def test_views_that_go_take_their_bytes_along():
     for view in document["bufferViews"]:
         buffer.append(b"%d.." % view["name"])
     document["textures"][1]["source"] = 4
-    release(document, buffer, [(document["materials"][0], "occlusionTexture")])
+    release_references(document, buffer, [(document["materials"][0], "occlusionTexture")])
     assert document["bufferViews"][1] is document["images"][4] is None
     assert document["images"][1] == {"uri": "1.png"}  # nothing needed it before
     assert buffer.data == b"0..\0002..\0003..\0004.."
-    close_gaps(document)
+    compact(document)
     assert [view["name"] for view in document["bufferViews"]] == [0, 2, 3, 4]
     assert [view["byteOffset"] for view in document["bufferViews"]] == [0, 4, 8, 12]
     assert document["accessors"][0] == {
@@ -296,10 +296,10 @@ def test_views_that_go_take_their_bytes_along():
 
 def test_new_entries_take_free_places_first():
     document = everything()
-    release(document, GltfBuffer(document), [(document["materials"][0], "occlusionTexture")])
-    assert [place(document, "images", {"uri": uri}) for uri in ("x", "y")] == [1, 5]
+    release_references(document, GltfBuffer(document), [(document["materials"][0], "occlusionTexture")])
+    assert [add_entry(document, "images", {"uri": uri}) for uri in ("x", "y")] == [1, 5]
     assert document["images"][1] == {"uri": "x"}
-    assert place({}, "samplers", {}) == 0
+    assert add_entry({}, "samplers", {}) == 0
 
 
 def test_no_empty_lists_are_left():
@@ -308,6 +308,6 @@ def test_no_empty_lists_are_left():
         "textures": [{"source": 0}],
         "images": [{"uri": "a"}],
     }
-    release(document, GltfBuffer(document), [(document["materials"][0], "occlusionTexture")])
-    close_gaps(document)
+    release_references(document, GltfBuffer(document), [(document["materials"][0], "occlusionTexture")])
+    compact(document)
     assert document == {"materials": [{"occlusionTexture": None}]}

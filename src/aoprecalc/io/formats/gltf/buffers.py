@@ -1,4 +1,4 @@
-"""New bytes in a glTF document: the buffer of a document that is written, and the copy in which streams are decoded."""
+"""New buffers of glTF documents: the one that a writer fills, and the one that holds decompressed data."""
 
 from collections.abc import Collection
 from copy import deepcopy
@@ -15,9 +15,9 @@ FLOAT, USHORT, UINT = 5126, 5123, 5125
 
 
 class GltfBuffer:
-    """Collects bytes and describes them in a document's `bufferViews` and `accessors`.
+    """The buffer of a document that is written, with its `bufferViews` and `accessors`.
 
-    free_accessors, free_views   entries that nothing refers to any more; new ones take their places first
+    free_accessors, free_views   indices of entries without references, to be reused first
     """
 
     def __init__(self, document: Json, free_accessors: tuple[int, ...] = (), free_views: tuple[int, ...] = ()) -> None:
@@ -32,14 +32,14 @@ class GltfBuffer:
         return bytes(self._bytes)
 
     def append(self, data: bytes | bytearray) -> int:
-        """Add bytes; return where they begin, at a multiple of 4."""
+        """Append bytes at a multiple of 4; return their offset."""
         self._bytes += bytes(-len(self._bytes) % 4)
         start = len(self._bytes)
         self._bytes += data
         return start
 
     def free_views(self, views: Collection[int]) -> None:
-        """Put None in the place of buffer views that nothing refers to any more, and leave out their bytes."""
+        """Drop the bytes of buffer views without references, and set these views to None."""
         if not views:
             return
         entries = self._document["bufferViews"]
@@ -52,23 +52,23 @@ class GltfBuffer:
             view["byteOffset"] = self.append(before[start : start + view["byteLength"]])
 
     def add_view(self, data: bytes, **members: int) -> int:
-        """Add bytes with a buffer view of their own; return its number."""
+        """Append bytes with a new buffer view; return its index."""
         view = {"buffer": 0, "byteOffset": self.append(data), "byteLength": len(data), **members}
-        return self._place("bufferViews", view)
+        return self._add_entry("bufferViews", view)
 
     def add_rows(self, accessor: Json, rows: NDArray[np.uint8]) -> int:
-        """Add vertex data as (n, bytes) elements, described as in another accessor; return the new one's number."""
+        """Append (n, bytes) vertex data of the type that `accessor` describes; return the index of the new accessor."""
         size = element_size(accessor)
-        padded = np.pad(rows, ((0, 0), (0, -size % 4)))  # each vertex begins at a multiple of 4
+        padded = np.pad(rows, ((0, 0), (0, -size % 4)))  # each vertex starts at a multiple of 4
         stride = {} if padded.shape[1] == size else {"byteStride": padded.shape[1]}
         view = self.add_view(padded.tobytes(), **stride, target=ARRAY)
         members = {key: value for key, value in accessor.items() if key not in ("byteOffset", "sparse", "min", "max")}
         if "min" in accessor or "max" in accessor:
             members |= bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
-        return self._place("accessors", members | {"bufferView": view, "count": len(rows)})
+        return self._add_entry("accessors", members | {"bufferView": view, "count": len(rows)})
 
     def add_floats(self, values: NDArray[Any], bounded: bool = False) -> int:
-        """Add (n, 2 or 3) vertex data as float32; return the number of its accessor."""
+        """Append (n, 2 or 3) vertex data as float32; return the index of its accessor."""
         rows = np.ascontiguousarray(values, dtype="<f4")
         accessor: Json = {"componentType": FLOAT, "type": f"VEC{rows.shape[1]}"}
         if bounded:
@@ -76,14 +76,14 @@ class GltfBuffer:
         return self.add_rows(accessor, rows.view(np.uint8))
 
     def add_triangles(self, triangles: NDArray[Any]) -> int:
-        """Add (f, 3) vertex numbers, in 16 bits where they fit; return the number of the accessor."""
-        # The greatest number of a type is not a vertex but starts a new strip.
+        """Append (f, 3) vertex indices, 16-bit where they fit; return the index of the accessor."""
+        # The largest value of the type is the primitive restart index.
         component = USHORT if triangles.max() < 0xFFFF else UINT
         view = self.add_view(triangles.astype(COMPONENTS[component]).tobytes(), target=ELEMENT_ARRAY)
         accessor = {"bufferView": view, "componentType": component, "count": triangles.size, "type": "SCALAR"}
-        return self._place("accessors", accessor)
+        return self._add_entry("accessors", accessor)
 
-    def _place(self, kind: str, entry: Json) -> int:
+    def _add_entry(self, kind: str, entry: Json) -> int:
         entries = self._document.setdefault(kind, [])
         if self._free[kind]:
             index = self._free[kind].pop(0)
@@ -94,14 +94,14 @@ class GltfBuffer:
 
 
 class DecodedCopy:
-    """A copy to be changed, and the bytes of one more buffer, until it is finished.
+    """A copy of a document in which plain data replace compressed data; they go to one more buffer.
 
-    source   the document as it is in the file, from which compressed data are read
-    json     the copy of its JSON
+    source   the document as it is in the file
+    json     the JSON of the copy
     """
 
     def __init__(self, source: GltfDocument) -> None:
-        """Start with a copy of everything and no bytes."""
+        """Start with a copy of the JSON and an empty buffer."""
         self.source = source
         self.json: Json = deepcopy(source.json)
         self._bytes = bytearray()
@@ -109,23 +109,24 @@ class DecodedCopy:
         self._accessors: set[int] = set()
 
     def fill_view(self, index: int | None, data: bytes, **members: int) -> int:
-        """Let a buffer view, or a new one if None, stand for decoded bytes; return its number.
+        """Store decoded bytes, at a multiple of 4, as a buffer view; return its index.
 
-        The bytes begin at a multiple of 4. Members of the view that are not named stay.
+        index     of the view to redefine; None: a new one
+        members   of the view; others of an existing view stay
         """
         views = self.json["bufferViews"]
         if index is None:
             index = len(views)
             views.append({})
         self._bytes += bytes(-len(self._bytes) % 4)
-        place = {"buffer": len(self.source.buffers), "byteOffset": len(self._bytes), "byteLength": len(data)}
-        views[index].update(place | members)
+        location = {"buffer": len(self.source.buffers), "byteOffset": len(self._bytes), "byteLength": len(data)}
+        views[index].update(location | members)
         self._bytes += data
         self._views.add(index)
         return index
 
     def fill_accessor(self, index: int | None, entry: Json) -> int:
-        """Put an accessor in the place of another, or at the end if that is None or was filled; return its number."""
+        """Replace accessor `index`, or append if that is None or was replaced before; return the index."""
         accessors = self.json.setdefault("accessors", [])
         if index is None or index in self._accessors:
             index = len(accessors)
@@ -136,7 +137,7 @@ class DecodedCopy:
         return index
 
     def finished(self, without: Collection[str]) -> GltfDocument:
-        """Return the copy as a document that does not list some extensions; the copy is not to be used after that."""
+        """Return the document, `without` listing some extensions; the copy must not be changed any more."""
         for key in ("extensionsUsed", "extensionsRequired"):
             names = [name for name in self.json.pop(key, []) if name not in without]
             if names:  # the schema has no empty lists
@@ -153,9 +154,9 @@ class DecodedCopy:
 
 
 def _bounds(document: GltfDocument, index: int, accessor: Json) -> Json:
-    """Return what `min` and `max` of an accessor, if it has them, are after coding, which may lose bits."""
+    """Return the `min` and `max` that an accessor has, from its decoded values: compression may be lossy."""
     stated = {"min", "max"} & accessor.keys()
     if not stated or accessor["type"].startswith("MAT"):
         return {}
-    found = bounds(numbers(document, index))
-    return {key: found[key] for key in stated & found.keys()}
+    actual = bounds(numbers(document, index))
+    return {key: actual[key] for key in stated & actual.keys()}

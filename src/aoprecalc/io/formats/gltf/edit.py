@@ -1,4 +1,4 @@
-"""Changes a glTF document: the vertices of what was baked get UVs and normals, all else stays as it was."""
+"""Give the baked primitives of a glTF document their UVs and normals; everything else stays as it is."""
 
 from collections.abc import Collection, Iterator, Sequence
 from copy import deepcopy
@@ -10,89 +10,91 @@ import numpy as np
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles, raw_rows, view_bytes
-from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, Place
+from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, PrimitiveKey
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
-# Viewers must support TEXCOORD_0 and TEXCOORD_1 only.
-SETS_EVERYWHERE = 2
+# Viewers need to support TEXCOORD_0 and TEXCOORD_1 only.
+_PORTABLE_UV_SETS = 2
 
-# Extensions of primitives that do not count vertices.
-_WITHOUT_VERTICES = {VARIANTS, "EXT_mesh_features", "EXT_structural_metadata"}
+# Extensions of primitives that do not depend on the number of vertices.
+_VERTEX_INDEPENDENT = {VARIANTS, "EXT_mesh_features", "EXT_structural_metadata"}
 
 
 def edit_document(
     document: GltfDocument, scene: Scene, atlas: Atlas, normals: Float32Array
-) -> tuple[Json, GltfBuffer, dict[Place, int], tuple[str, ...]]:
-    """Return a copy of the scene's document that has the atlas's UVs and these normals.
+) -> tuple[Json, GltfBuffer, dict[PrimitiveKey, int], tuple[str, ...]]:
+    """Return a copy of the scene's document with the UVs of the atlas and the given normals.
 
-    normals   (f, 3, 3) float32, in the world
+    normals   (f, 3, 3) float32, in world space
 
-    Vertices of the parts that receive are split along new seams, and everything they have (morph targets as well) goes
-    along byte by byte. Instances of a mesh whose parts have places of their own in the atlas become meshes of their
-    own. Where the file's own UVs and normals were used, no vertex is touched.
+    Vertices of the parts that receive are split along new seams; their other attributes and morph targets are copied
+    byte by byte. Instances of a mesh with separate UV regions become separate meshes. Where the file's own UVs and
+    normals were used, no vertex changes.
 
-    Returns (json, buffer, sets, warnings): `sets` tells for each (mesh, primitive) which TEXCOORD_n the texture is for.
+    Returns (json, buffer, texcoords, warnings); `texcoords` is (mesh, primitive) -> the n of its TEXCOORD_n.
     """
     json = deepcopy(document.json)
-    other_normals = {part for part in scene.parts if part.receives and _differs(document, scene, part, normals)}
-    if atlas.uv_set is not None and not other_normals:
-        places = _own_meshes(json, scene.parts, [part if part.receives else None for part in scene.parts], apart=False)
+    receiving = [part if part.receives else None for part in scene.parts]
+    changed_normals = {part for part in filter(None, receiving) if _normals_differ(document, scene, part, normals)}
+    if atlas.uv_set is not None and not changed_normals:
+        keys = _separate_meshes(json, scene.parts, receiving, separate=False)
         name = f"TEXCOORD_{atlas.uv_set}"
-        sets = {at: atlas.uv_set for at in places.values() if name in _primitive(json, at)["attributes"]}
+        texcoords = {key: atlas.uv_set for key in keys.values() if name in _primitive(json, key)["attributes"]}
         buffer = _carry_views(document, json, set(), set())
-        return json, buffer, sets, _warnings(document, json, scene, sets, ())
+        return json, buffer, texcoords, _warnings(document, json, scene, texcoords, ())
 
-    owners = [scene.parts[part.uv_owner] if part.uv_owner is not None else part for part in scene.parts]
-    places = _own_meshes(json, scene.parts, [owner if owner.receives else None for owner in owners], apart=True)
-    originals = {part: _primitive(document.json, _place(part)) for part in places}
-    for place in places.values():
-        _primitive(json, place).update(attributes={}, targets=[], indices=None)
+    uv_owners = [scene.parts[part.uv_owner] if part.uv_owner is not None else part for part in scene.parts]
+    owners = [owner if owner.receives else None for owner in uv_owners]
+    keys = _separate_meshes(json, scene.parts, owners, separate=True)
+    originals = {part: _primitive(document.json, _key(part)) for part in keys}
+    for key in keys.values():
+        _primitive(json, key).update(attributes={}, targets=[], indices=None)
     still_used = set(_accessors_used(json))
     free = {index for original in originals.values() for index in _primitive_accessors(original)} - still_used
-    buffer = _carry_views(document, json, free, _views_freed(json, free))
+    buffer = _carry_views(document, json, free, _unused_views(json, free))
 
-    sets = {}
-    for part, place in places.items():
+    texcoords = {}
+    for part, key in keys.items():
         attributes = originals[part]["attributes"]
         free_set = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
         uv_set = free_set if atlas.uv_set is None else atlas.uv_set
-        if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in attributes:  # a part without area need not have it
-            sets[place] = uv_set
+        if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in attributes:  # a part without area may lack it
+            texcoords[key] = uv_set
         primitive = _rewrite(
             document,
             buffer,
             part,
             originals[part],
             atlas.uvs[part.faces] if atlas.uv_set is None else None,
-            normals[part.faces] if part in other_normals else None,
+            normals[part.faces] if part in changed_normals else None,
             f"TEXCOORD_{free_set}",
         )
-        json["meshes"][place[0]]["primitives"][place[1]] = primitive
-    return json, buffer, sets, _warnings(document, json, scene, sets, list(originals.values()))
+        json["meshes"][key[0]]["primitives"][key[1]] = primitive
+    return json, buffer, texcoords, _warnings(document, json, scene, texcoords, list(originals.values()))
 
 
 def _warnings(
-    document: GltfDocument, json: Json, scene: Scene, sets: dict[Place, int], rewritten: Collection[Json]
+    document: GltfDocument, json: Json, scene: Scene, texcoords: dict[PrimitiveKey, int], rewritten: Collection[Json]
 ) -> tuple[str, ...]:
-    """Say what makes a document larger, or may not be right, or not in every viewer.
+    """Return warnings about duplicated meshes, UV sets that viewers may ignore and extensions that may be invalid now.
 
-    rewritten   the primitives, as they were, that have other vertices now
+    rewritten   the original primitives whose vertices were replaced
     """
-    said = []
+    warnings = list[str]()
     more_meshes = len(json["meshes"]) - len(document.json["meshes"])
     if more_meshes:
-        together = any(part.uv_owner is not None for part in scene.parts)
-        hint = "" if together else " (--instances share keeps them together)"
-        said.append(f"{more_meshes} instances have become meshes of their own{hint}")
-    far = sum(number >= SETS_EVERYWHERE for number in sets.values())
-    if far:
-        said.append(f"{far} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
-    unknown = {name for primitive in rewritten for name in primitive.get("extensions", {})} - _WITHOUT_VERTICES
+        shared = any(part.uv_owner is not None for part in scene.parts)
+        hint = "" if shared else " (--instances share keeps them together)"
+        warnings.append(f"{more_meshes} instances became separate meshes{hint}")
+    beyond = sum(number >= _PORTABLE_UV_SETS for number in texcoords.values())
+    if beyond:
+        warnings.append(f"{beyond} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
+    unknown = {name for primitive in rewritten for name in primitive.get("extensions", {})} - _VERTEX_INDEPENDENT
     if unknown:
-        said.append(f"primitives have {', '.join(sorted(unknown))}, which may count on the vertices of before")
-    return tuple(said)
+        warnings.append(f"primitives have {', '.join(sorted(unknown))}, which may refer to vertices that were replaced")
+    return tuple(warnings)
 
 
 def _rewrite(
@@ -104,7 +106,7 @@ def _rewrite(
     normals: Float32Array | None,
     uv_name: str,
 ) -> Json:
-    """Return a primitive like the original, with new vertices in the buffer."""
+    """Return a copy of a primitive with new vertices in the buffer, split where UVs or normals differ."""
     source = _source(part)
     values: dict[str, Any] = {}
     if normals is not None:
@@ -114,31 +116,31 @@ def _rewrite(
     split = corners_to_vertices(part.vertices, *values.values())
     vertices = part.vertices.reshape(-1)[split.corner]
 
-    def pick(index: int, *, nothing: bool = False) -> int:
+    def gather(index: int, *, zero: bool = False) -> int:
         rows = raw_rows(document, index)
         check_indices(document.path, vertices, len(rows))
-        return buffer.add_rows(document.entry("accessors", index), rows[vertices] * (not nothing))
+        return buffer.add_rows(document.entry("accessors", index), rows[vertices] * (not zero))
 
-    attributes = {name: pick(index) for name, index in original["attributes"].items() if name not in values}
+    attributes = {name: gather(index) for name, index in original["attributes"].items() if name not in values}
     for name, corner_values in values.items():
         attributes[name] = buffer.add_floats(corner_values.reshape(len(part.vertices) * 3, -1)[split.corner])
     triangles = split.triangles[:, REVERSED_WINDING] if source.mirrored else split.triangles
     primitive = deepcopy(original) | {"attributes": attributes, "indices": buffer.add_triangles(triangles)}
     primitive.pop("mode", None)
     if "targets" in original:
-        # The new normals are those of the morphed shape already.
+        # The new normals belong to the morphed shape already.
         primitive["targets"] = [
-            {name: pick(index, nothing=name in values) for name, index in target.items()}
+            {name: gather(index, zero=name in values) for name, index in target.items()}
             for target in original["targets"]
         ]
     return primitive
 
 
-def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Float32Array) -> bool:
-    """Tell whether a part is shaded with other normals than its file's, or the reader had to replace some of these."""
+def _normals_differ(document: GltfDocument, scene: Scene, part: Part, normals: Float32Array) -> bool:
+    """Tell whether the shading normals of a part differ from those stored in its file."""
     if scene.normals is None or not np.array_equal(scene.normals[part.faces], normals[part.faces]):
         return True
-    attributes = _primitive(document.json, _place(part))["attributes"]
+    attributes = _primitive(document.json, _key(part))["attributes"]
     if "NORMAL" not in attributes:
         return False
     values = doubles(document, attributes["NORMAL"])
@@ -146,71 +148,75 @@ def _differs(document: GltfDocument, scene: Scene, part: Part, normals: Float32A
 
 
 def _local_normals(source: PrimitiveSource, part: Part, normals: Float32Array) -> Float32Array:
-    """Return world normals as the primitive's own: the transpose undoes what its cofactors did, up to length."""
+    """Transform world normals to the primitive's space: the transpose inverts the cofactor matrix, up to length."""
     linear = source.linear[part.vertices] if source.linear.ndim == 3 else source.linear
     local = np.einsum("...ij,...i->...j", linear, normals.astype(np.float64))
     lengths = np.linalg.norm(local, axis=2, keepdims=True)
     return np.where(lengths > 0, local / np.where(lengths > 0, lengths, 1), normals).astype(np.float32)
 
 
-def _own_meshes(json: Json, parts: Sequence[Part], holders: Sequence[Part | None], *, apart: bool) -> dict[Part, Place]:
-    """Give nodes that show the same mesh with different places in the atlas a mesh each.
+def _separate_meshes(
+    json: Json, parts: Sequence[Part], vertex_owners: Sequence[Part | None], *, separate: bool
+) -> dict[Part, PrimitiveKey]:
+    """Give each node that needs other vertices or materials than the rest of its mesh's nodes a copy of the mesh.
 
-    holders   for each part the one whose vertices it shows; None: those of the file
-    apart     holders of their own need meshes of their own; else all holders of a primitive are as good as one
+    vertex_owners   for each part the part whose new vertices its primitive gets; None: it keeps those of the file
+    separate        different owners need different meshes; else it only matters whether there is an owner
 
-    Returns where each holder's primitive is now.
+    Returns the primitive of each owner.
     """
-    shown: dict[int, dict[int, Part | None]] = {}  # of each node: its primitives' holders
+    owners_of_node: dict[int, dict[int, Part | None]] = {}  # node -> primitive -> owner
     mesh_of: dict[int, int] = {}
-    for part, holder in zip(parts, holders, strict=True):
+    for part, owner in zip(parts, vertex_owners, strict=True):
         source = _source(part)
-        shown.setdefault(source.node, {})[source.primitive] = holder
+        owners_of_node.setdefault(source.node, {})[source.primitive] = owner
         mesh_of[source.node] = source.mesh
-    for node, entry in enumerate(json.get("nodes", [])):  # nodes outside the scene keep what they show
-        if node not in shown and entry.get("mesh") is not None:
-            shown[node], mesh_of[node] = {}, entry["mesh"]
+    for node, entry in enumerate(json.get("nodes", [])):  # nodes outside the scene keep their mesh
+        if node not in owners_of_node and entry.get("mesh") is not None:
+            owners_of_node[node], mesh_of[node] = {}, entry["mesh"]
 
-    made: dict[tuple[int, tuple[tuple[int, Part | bool], ...]], int] = {}
+    mesh_for: dict[tuple[int, tuple[tuple[int, Part | bool], ...]], int] = {}
     taken: set[int] = set()
-    places: dict[Part, Place] = {}
-    for node in sorted(shown, key=lambda node: any(shown[node].values())):  # the file's own vertices come first
+    keys: dict[Part, PrimitiveKey] = {}
+    # Nodes without owners come first, so that the original mesh is theirs.
+    for node in sorted(owners_of_node, key=lambda node: any(owners_of_node[node].values())):
         mesh = mesh_of[node]
-        look = {number: holder for number, holder in shown[node].items() if holder is not None}
-        key = mesh, tuple((number, holder if apart else True) for number, holder in sorted(look.items()))
-        if key not in made:
-            made[key] = mesh
+        owners = {primitive: owner for primitive, owner in owners_of_node[node].items() if owner is not None}
+        variant = mesh, tuple((primitive, owner if separate else True) for primitive, owner in sorted(owners.items()))
+        if variant not in mesh_for:
+            mesh_for[variant] = mesh
             if mesh in taken:
                 json["meshes"].append(deepcopy(json["meshes"][mesh]))
-                made[key] = len(json["meshes"]) - 1
+                mesh_for[variant] = len(json["meshes"]) - 1
             taken.add(mesh)
-        json["nodes"][node]["mesh"] = made[key]
-        for number, holder in look.items():
-            places.setdefault(holder, (made[key], number))
-    return places
+        json["nodes"][node]["mesh"] = mesh_for[variant]
+        for primitive, owner in owners.items():
+            keys.setdefault(owner, (mesh_for[variant], primitive))
+    return keys
 
 
 def _carry_views(document: GltfDocument, json: Json, free_accessors: set[int], free_views: set[int]) -> GltfBuffer:
-    """Start a buffer with the bytes of all views but the free ones."""
+    """Return a buffer with the bytes of all views except the free ones."""
     buffer = GltfBuffer(json, tuple(sorted(free_accessors)), tuple(sorted(free_views)))
     for index, view in enumerate(json.get("bufferViews", [])):
         if index in free_views:
-            json["bufferViews"][index] = None  # until something takes its place
+            json["bufferViews"][index] = None  # to be reused
         else:
             view.update(buffer=0, byteOffset=buffer.append(view_bytes(document, index)))
     return buffer
 
 
-def _views_freed(json: Json, free_accessors: set[int]) -> set[int]:
-    """Return the buffer views that only these accessors refer to."""
+def _unused_views(json: Json, free_accessors: set[int]) -> set[int]:
+    """Return the buffer views that only the given accessors refer to."""
     accessors = json.get("accessors", [])
     others = {key: value for key, value in json.items() if key != "accessors"}
-    needed = set(_buffer_views([others, *(entry for at, entry in enumerate(accessors) if at not in free_accessors)]))
+    kept = [accessor for index, accessor in enumerate(accessors) if index not in free_accessors]
+    needed = set(_buffer_views([others, *kept]))
     return set(_buffer_views([accessors[index] for index in free_accessors])) - needed
 
 
 def _buffer_views(value: Any) -> Iterator[int]:
-    """Yield every buffer view that is referred to within a JSON value, extensions included."""
+    """Yield every buffer view that a JSON value refers to, in extensions as well."""
     if isinstance(value, dict):
         if isinstance(value.get("bufferView"), int):
             yield value["bufferView"]
@@ -248,10 +254,10 @@ def _source(part: Part) -> PrimitiveSource:
     return part.source
 
 
-def _place(part: Part) -> Place:
+def _key(part: Part) -> PrimitiveKey:
     return _source(part).mesh, _source(part).primitive
 
 
-def _primitive(json: Json, place: Place) -> Json:
-    primitive: Json = json["meshes"][place[0]]["primitives"][place[1]]
+def _primitive(json: Json, key: PrimitiveKey) -> Json:
+    primitive: Json = json["meshes"][key[0]]["primitives"][key[1]]
     return primitive

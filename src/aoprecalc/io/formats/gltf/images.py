@@ -1,4 +1,4 @@
-"""Pictures in a glTF document that is being written: the baked ones, and the files that its images refer to."""
+"""Images of a glTF document that is written: the baked textures, and the image files of the source document."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -10,15 +10,15 @@ from urllib.parse import quote
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json, data_uri, local_file
-from aoprecalc.io.formats.gltf.occlusion_textures import OrmPicture
-from aoprecalc.io.formats.gltf.references import place
+from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
+from aoprecalc.io.formats.gltf.references import add_entry
 from aoprecalc.io.images import png_bytes, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 
 REPEAT, CLAMP_TO_EDGE = 10497, 33071
 LINEAR, LINEAR_MIPMAP_LINEAR = 9729, 9987
 
-# What glTF images may hold by their first bytes; the last two through extensions.
+# The types of glTF images by their first bytes; WebP and KTX2 need extensions.
 _MIME_TYPES = {
     b"\x89PNG": "image/png",
     b"\xff\xd8\xff": "image/jpeg",
@@ -28,57 +28,59 @@ _MIME_TYPES = {
 
 
 def add_texture(
-    outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, wraps: bool
+    outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, repeats: bool
 ) -> tuple[int, tuple[str, ...]]:
-    """Add the baked texture to the document that will be at `path`: within a GLB, else by a relative URI.
+    """Add the baked texture to the document that will be at `path`: embedded in a GLB, else by a relative URI.
 
-    A picture that glTF cannot hold (EXR, TIFF ...) is given as a PNG of 8 bits, which lies beside it or in the GLB.
+    A format that glTF does not allow (EXR, TIFF ...) is converted to an 8-bit PNG, beside the document or in the GLB.
 
-    Returns the number of the new texture, and what the user should know.
+    repeats   its UVs extend beyond [0, 1]
+
+    Returns the index of the new texture, and warnings.
     """
     warnings: tuple[str, ...] = ()
     data = outputs.written(texture).read_bytes()
     if _mime_type(data) not in ("image/png", "image/jpeg"):
         data = png_bytes(read_image(outputs.written(texture)))
-        warnings = (f"{path}: glTF holds no {texture.suffix} pictures; it has a copy as PNG of 8 bits",)
-        texture = next(_names(outputs, texture.with_suffix(".png")))
+        warnings = (f"{path}: glTF allows no {texture.suffix} images; it gets a copy as 8-bit PNG",)
+        texture = next(_candidates(outputs, texture.with_suffix(".png")))
         if not _embeds(path):
             outputs.path(texture).write_bytes(data)
-    image = place(document, "images", _image(path, buffer, texture, data))
-    wrap = REPEAT if wraps else CLAMP_TO_EDGE
+    image = add_entry(document, "images", _image(path, buffer, texture, data))
+    wrap = REPEAT if repeats else CLAMP_TO_EDGE
     sampler = {"magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": wrap, "wrapT": wrap}
-    return _add(document, image, sampler), warnings
+    return _add_texture(document, image, sampler), warnings
 
 
 def add_orm_textures(
-    outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, pictures: Mapping[int, OrmPicture]
+    outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, packed: Mapping[int, OrmImage]
 ) -> dict[int, int]:
-    """Add packed pictures, which have their names from the baked texture's, each once.
+    """Add packed images, each once; their file names derive from the baked texture's.
 
-    pictures   number of a material -> its picture
+    packed   index of a material -> its image
 
-    Returns number of a material -> that of its new texture.
+    Returns index of a material -> index of its new texture.
     """
-    names = _names(outputs, texture.with_name(f"{texture.stem}_orm.png"))
+    names = _candidates(outputs, texture.with_name(f"{texture.stem}_orm.png"))
     images: dict[bytes, int] = {}
-    textures: dict[OrmPicture, int] = {}
-    for picture in pictures.values():
-        if picture.data not in images:
+    textures: dict[OrmImage, int] = {}
+    for image in packed.values():
+        if image.data not in images:
             file = next(names)
             if not _embeds(path):
-                outputs.path(file).write_bytes(picture.data)
-            images[picture.data] = place(document, "images", _image(path, buffer, file, picture.data))
-        if picture not in textures:
-            textures[picture] = _add(document, images[picture.data], picture.sampler)
-    return {index: textures[picture] for index, picture in pictures.items()}
+                outputs.path(file).write_bytes(image.data)
+            images[image.data] = add_entry(document, "images", _image(path, buffer, file, image.data))
+        if image not in textures:
+            textures[image] = _add_texture(document, images[image.data], image.sampler)
+    return {index: textures[image] for index, image in packed.items()}
 
 
 def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, source: Path) -> tuple[str, ...]:
-    """Make the files that the images of a document refer to reachable from `path`.
+    """Make the image files of a document reachable from `path`: embedded in a GLB, copied beside a .gltf elsewhere.
 
-    They are put into a GLB, and copied beside a .gltf that lies in another folder than the `source` document.
+    source   the path of the source document; a .gltf in its folder refers to the same files
 
-    Returns what the user should know: which files are missing.
+    Returns warnings about files that are missing.
     """
     embed = _embeds(path)
     if not embed and path.parent.resolve() == source.parent.resolve():
@@ -88,7 +90,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
     for image in filter(None, document.get("images", [])):
         uri = image.get("uri", "")
         if embed and uri.startswith("data:"):
-            with suppress(InputError):  # a damaged one stays as it is
+            with suppress(InputError):  # a damaged one is kept as it is
                 _embed(image, buffer, data_uri(source, uri))
         file = local_file(source, uri) if uri else None
         if file is None:
@@ -112,7 +114,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
 
 
 def _embed(image: Json, buffer: GltfBuffer, data: bytes) -> bool:
-    """Put the bytes of a picture in the place of its URI, where glTF has a name for what they are."""
+    """Embed an image instead of referring to its URI; return False if glTF does not know its type."""
     mime_type = _mime_type(data)
     if mime_type is None:
         return False
@@ -126,9 +128,9 @@ def _mime_type(data: bytes) -> str | None:
 
 
 def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
-    """Return the name, with a number before its extension if beside `path` it is another output's or another file's.
+    """Return a free file name beside `path`: the given one, or with a number if another file or output has that.
 
-    Where others write there at the same time it has a digest of the picture instead, whatever lies there.
+    In a staging folder, where others write at the same time, it has a digest of the image instead.
     """
     if outputs.staged:
         file = Path(name)
@@ -136,34 +138,34 @@ def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
     own = (path, path.with_suffix(".bin"))
     return next(
         free.name
-        for free in _names(outputs, path.parent / name)
+        for free in _candidates(outputs, path.parent / name)
         if free not in own and (not free.exists() or free.read_bytes() == data)
     )
 
 
-def _names(outputs: Outputs, file: Path) -> Iterator[Path]:
-    """Yield a file's name, then others with a number before the extension, but for those of other outputs."""
+def _candidates(outputs: Outputs, file: Path) -> Iterator[Path]:
+    """Yield a path, then numbered ones, without those of other outputs."""
     numbered = (file.with_name(f"{file.stem}_{number}{file.suffix}") for number in count(1))
     return (name for name in chain([file], numbered) if outputs.written(name) == name)
 
 
 def _embeds(path: Path) -> bool:
-    """Tell whether a document of that name holds its pictures in itself."""
+    """Tell whether a document of that name embeds its images."""
     return path.suffix.lower() == ".glb"
 
 
 def _image(path: Path, buffer: GltfBuffer, file: Path, data: bytes) -> Json:
-    """Return the entry of a picture that lies, or would lie, in a file."""
+    """Return the image entry for a file, embedded where the document is a GLB."""
     if not _embeds(path):
         return {"uri": relative_uri(file, path)}
     return {"name": file.stem, "bufferView": buffer.add_view(data), "mimeType": _mime_type(data)}
 
 
-def _add(document: Json, image: int, sampler: Json | None) -> int:
-    """Add a texture, with a sampler that is there already if it can be; return its number."""
+def _add_texture(document: Json, image: int, sampler: Json | None) -> int:
+    """Add a texture, reusing an equal sampler; return its index."""
     entry: Json = {"source": image}
     if sampler is not None:
         samplers = document.get("samplers", [])
         known = sampler in samplers
-        entry = {"sampler": samplers.index(sampler) if known else place(document, "samplers", sampler), **entry}
-    return place(document, "textures", entry)
+        entry = {"sampler": samplers.index(sampler) if known else add_entry(document, "samplers", sampler), **entry}
+    return add_entry(document, "textures", entry)

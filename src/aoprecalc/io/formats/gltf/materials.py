@@ -1,4 +1,4 @@
-"""The textures of a glTF document that was read: their pictures, and how they lie on a surface."""
+"""Textures and materials of a glTF document that is read: images, UV transforms, alpha masks, transparency."""
 
 from dataclasses import dataclass, replace
 
@@ -18,50 +18,50 @@ _WRAPS: dict[int, Wrap] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
 
 @dataclass(frozen=True, eq=False)
 class TextureUse:
-    """How a material uses a texture (a textureInfo).
+    """A texture of a material (textureInfo), with its KHR_texture_transform.
 
     index      of the texture
-    uv_set     the n of the TEXCOORD_n that it is for
-    scale      (2,), and then
-    rotation   radians, counter-clockwise as seen with v downwards, and then
-    offset     (2,) are applied to the UVs first
+    texcoord   the n of its TEXCOORD_n
+    scale      of the UVs, applied first
+    rotation   radians, counter-clockwise with v downwards, applied second
+    offset     applied last
     """
 
     index: int
-    uv_set: int
+    texcoord: int
     scale: tuple[float, float] = (1.0, 1.0)
     rotation: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, info: Json) -> "TextureUse":
-        """Read a textureInfo, with its transform if it has one, whose texCoord counts more than the outer one."""
+        """Read a textureInfo and its transform, whose texCoord overrides the outer one."""
         transform: Json = info.get("extensions", {}).get(TRANSFORM, {})
-        uv_set: int = transform["texCoord"] if "texCoord" in transform else info.get("texCoord", 0)
+        texcoord: int = transform["texCoord"] if "texCoord" in transform else info.get("texCoord", 0)
         return cls(
             info["index"],
-            uv_set,
+            texcoord,
             tuple(transform.get("scale", (1.0, 1.0))),
             transform.get("rotation", 0.0),
             tuple(transform.get("offset", (0.0, 0.0))),
         )
 
-    def places(self, uvs: Float64Array) -> Float64Array:
-        """Return where (..., 2) UVs, v downwards as in the file, lie in the texture, v upwards."""
+    def transform(self, uvs: Float64Array) -> Float64Array:
+        """Transform (..., 2) UVs, v downwards as in the file, to UVs of the texture, v upwards."""
         cos, sin = np.cos(self.rotation), np.sin(self.rotation)
-        turn = np.array([[cos, sin], [-sin, cos]])
-        moved: Float64Array = uvs * self.scale @ turn.T + self.offset
-        return moved * (1, -1) + (0, 1)
+        rotation = np.array([[cos, sin], [-sin, cos]])
+        transformed: Float64Array = uvs * self.scale @ rotation.T + self.offset
+        return transformed * (1, -1) + (0, 1)
 
 
-def texture_picture(document: GltfDocument, index: int) -> ImageSource:
-    """Return the picture of texture `index`; raises InputError where there is none, KeyError in a damaged document."""
+def texture_image(document: GltfDocument, index: int) -> ImageSource:
+    """Return the image of texture `index`; raises InputError where it has none, KeyError in a damaged document."""
     texture = document.entry("textures", index)
-    # Formats that glTF itself does not know have their image in an extension.
-    others = [entry["source"] for entry in texture.get("extensions", {}).values() if "source" in entry]
-    if "source" not in texture and not others:
-        raise damaged_file(document.path, f"texture {index} has no picture (no source), one was expected")
-    number = texture["source"] if "source" in texture else others[0]
+    # Extensions for other image formats have a source of their own.
+    alternatives = [entry["source"] for entry in texture.get("extensions", {}).values() if "source" in entry]
+    if "source" not in texture and not alternatives:
+        raise damaged_file(document.path, f"texture {index} has no image (no source), one was expected")
+    number = texture["source"] if "source" in texture else alternatives[0]
     image = document.entry("images", number)
     name = f"image {number} of {document.path}"
     if "bufferView" in image:
@@ -73,13 +73,11 @@ def texture_picture(document: GltfDocument, index: int) -> ImageSource:
 
 
 def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
-    """Return what texture `index` does beyond [0, 1] along u and v."""
+    """Return the wrap modes of texture `index` along u and v."""
     texture = document.entry("textures", index)
     sampler = document.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
     return _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
 
-
-# What light does at the primitives of a glTF document, as their materials say.
 
 TRANSMISSION, UNLIT = "KHR_materials_transmission", "KHR_materials_unlit"
 
@@ -87,13 +85,13 @@ _OPAQUE: Float32Array = np.ones((1, 1), np.float32)
 
 
 class MaterialReader:
-    """The materials of a document's primitives; every picture is read once.
+    """Reads the materials of a document's primitives; every image is decoded once.
 
-    warnings   what the user should know: the pictures that are missing
+    warnings   for the user, about images that cannot be read
     """
 
     def __init__(self, document: GltfDocument) -> None:
-        """Read nothing yet."""
+        """Start without images."""
         self._document = document
         self._alphas: dict[ImageSource, Float32Array] = {}
         self.warnings: list[str] = []
@@ -111,27 +109,27 @@ class MaterialReader:
             transparent=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
             unlit=UNLIT in extensions,
             foliage=mode == "MASK" and bool(material.get("doubleSided")),
-            alpha_mask=self._cutout(primitive, material, vertices) if mode == "MASK" else None,
+            alpha_mask=self._alpha_mask(primitive, material, vertices) if mode == "MASK" else None,
         )
 
     def _material(self, primitive: Json) -> Json:
         return self._document.entry("materials", primitive["material"]) if "material" in primitive else {}
 
-    def _cutout(self, primitive: Json, material: Json, vertices: NDArray[np.int64]) -> AlphaMask:
-        """Return the holes of a material: where picture, factor and vertex colour together are below the cutoff."""
+    def _alpha_mask(self, primitive: Json, material: Json, vertices: NDArray[np.int64]) -> AlphaMask:
+        """Return the alpha mask of a material: the product of base colour texture, factor and vertex colour."""
         attributes, color = primitive["attributes"], material.get("pbrMetallicRoughness", {})
         factors = np.full(vertices.shape, color.get("baseColorFactor", (1, 1, 1, 1))[3], np.float64)
         if "COLOR_0" in attributes:
             colors = self._corners(attributes["COLOR_0"], vertices)
             factors *= colors[:, :, 3] if colors.shape[2] == 4 else 1.0
         cutoff = float(material.get("alphaCutoff", 0.5))
-        solid = AlphaMask(_OPAQUE, np.zeros((*vertices.shape, 2)), factors, cutoff)
+        untextured = AlphaMask(_OPAQUE, np.zeros((*vertices.shape, 2)), factors, cutoff)
         if "baseColorTexture" not in color:
-            return solid
+            return untextured
         use = TextureUse.of(color["baseColorTexture"])
-        if f"TEXCOORD_{use.uv_set}" not in attributes:
-            return solid
-        uvs = use.places(self._corners(attributes[f"TEXCOORD_{use.uv_set}"], vertices))
+        if f"TEXCOORD_{use.texcoord}" not in attributes:
+            return untextured
+        uvs = use.transform(self._corners(attributes[f"TEXCOORD_{use.texcoord}"], vertices))
         wraps = texture_wraps(self._document, use.index)
         return AlphaMask(self._alpha(use.index), uvs, factors, cutoff, wraps)
 
@@ -141,23 +139,23 @@ class MaterialReader:
         return values[vertices]
 
     def _alpha(self, texture: int) -> Float32Array:
-        """Return the alpha of a texture's picture; 1 where it has none."""
+        """Return the alpha channel of a texture, (h, w) float32; 1 where it has none."""
         try:
-            picture = texture_picture(self._document, texture)
-            if picture not in self._alphas:
-                pixels = picture.pixels()
+            image = texture_image(self._document, texture)
+            if image not in self._alphas:
+                pixels = image.pixels()
                 has_alpha = pixels.shape[2] in (2, 4)
-                self._alphas[picture] = np.ascontiguousarray(pixels[:, :, -1]) if has_alpha else _OPAQUE
-            return self._alphas[picture]
+                self._alphas[image] = np.ascontiguousarray(pixels[:, :, -1]) if has_alpha else _OPAQUE
+            return self._alphas[image]
         except InputError as error:
-            warning = f"holes are not known and left out: {error}"
+            warning = f"an alpha mask cannot be read and is taken as opaque: {error}"
             if warning not in self.warnings:
                 self.warnings.append(warning)
             return _OPAQUE
 
 
 def mirrored_material(material: Material) -> Material:
-    """Return a material whose corners 1 and 2 are exchanged."""
+    """Return a material with corners 1 and 2 of each face exchanged."""
     if material.alpha_mask is None:
         return material
     alpha_mask = replace(

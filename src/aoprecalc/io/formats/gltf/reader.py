@@ -1,4 +1,4 @@
-"""Where the nodes of a glTF document's scene stand in the world."""
+"""Read glTF 2.0: every triangle primitive of every node of the shown scene, in world space and rest pose."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,53 +19,47 @@ from aoprecalc.mesh.normals import face_normals
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
-_PLACES = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+_TRS = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedNode:
-    """A node of the scene that is shown.
+class SceneNode:
+    """A node of the shown scene.
 
     matrix   (4, 4) float64, local to world
-    names    its own and those of the nodes above it
+    names    of the node and its ancestors
     """
 
     matrix: Float64Array
     names: frozenset[str]
 
 
-def placed_nodes(document: GltfDocument) -> dict[int, PlacedNode]:
-    """Return each node of the scene that is shown by its number, parents first.
-
-    Raises InputError where the nodes do not form trees.
-    """
-    waiting = [(root, PlacedNode(np.eye(4), frozenset())) for root in reversed(_roots(document))]
-    placed: dict[int, PlacedNode] = {}
-    while waiting:
-        index, parent = waiting.pop()
+def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
+    """Return the nodes of the shown scene by index, parents first; raises InputError where they do not form trees."""
+    pending = [(root, SceneNode(np.eye(4), frozenset())) for root in reversed(_roots(document))]
+    placed: dict[int, SceneNode] = {}
+    while pending:
+        index, parent = pending.pop()
         if index in placed:
             raise damaged_file(document.path, f"node {index} is reached twice, a tree of nodes was expected")
         node = document.entry("nodes", index)
         names = parent.names | ({node["name"]} if node.get("name") else set())
-        placed[index] = PlacedNode(parent.matrix @ _local_matrix(node), names)
-        waiting.extend((child, placed[index]) for child in reversed(node.get("children", [])))
+        placed[index] = SceneNode(parent.matrix @ _local_matrix(node), names)
+        pending.extend((child, placed[index]) for child in reversed(node.get("children", [])))
     return placed
 
 
 def instance_matrices(document: GltfDocument, node: Json) -> Float64Array | None:
-    """Return where a node repeats its mesh, (n, 4, 4) float64 in its own space; None where it shows it once.
-
-    (EXT_mesh_gpu_instancing: any of TRANSLATION, ROTATION and SCALE, one row for each repetition.)
-    """
+    """Return the (n, 4, 4) instance matrices of a node (EXT_mesh_gpu_instancing), in its space; None if it has none."""
     attributes = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
-    given = {name: doubles(document, index) for name, index in attributes.items() if name in _PLACES}
+    given = {name: doubles(document, index) for name, index in attributes.items() if name in _TRS}
     if not given:
         return None
     counts = {name: len(rows) for name, rows in given.items()}
     if len(set(counts.values())) > 1:
-        raise damaged_file(document.path, f"{INSTANCING} has rows of different numbers: {counts}")
+        raise damaged_file(document.path, f"{INSTANCING} has attributes of different lengths: {counts}")
     rows = zip(*given.values(), strict=True)
-    return np.array([_local_matrix(dict(zip((_PLACES[name] for name in given), row, strict=True))) for row in rows])
+    return np.array([_local_matrix(dict(zip((_TRS[name] for name in given), row, strict=True))) for row in rows])
 
 
 def _roots(document: GltfDocument) -> list[int]:
@@ -97,16 +91,14 @@ def _rotation(quaternion: Any) -> Float64Array:
     )
 
 
-# Reads glTF 2.0: every triangle primitive of every node of the scene, placed in the world, in its rest pose.
-
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 
 @dataclass(frozen=True, eq=False)
 class PrimitiveSource:
-    """Where a part came from and how it was placed.
+    """The primitive that a part comes from, and its transform.
 
-    node, mesh, primitive   numbers in the document
+    node, mesh, primitive   indices in the document
     linear                  (3, 3) local-to-world of directions, or (n, 3, 3) for each vertex of a skinned mesh
     """
 
@@ -117,24 +109,24 @@ class PrimitiveSource:
 
     @property
     def mirrored(self) -> bool:
-        """The placement turns right into left, so the corners 1 and 2 of its faces were exchanged."""
+        """The transform is a reflection, so that the corners 1 and 2 of each face were exchanged."""
         return bool(np.linalg.det(self.linear.reshape(-1, 3, 3)[:1])[0] < 0)
 
 
 def read_gltf(path: Path, data: bytes) -> Scene:
     """Read a glTF or GLB file of the given bytes.
 
-    Skinned and morphed meshes stand as their joints and weights do in the file, points and lines are left out.
+    Skins and morph targets are applied with the joints and weights of the file; points and lines are left out.
 
-    Raises InputError where it is damaged, compressed in a way for which a package is missing, or has no usable faces.
+    Raises InputError where the file is damaged, needs a package that is missing, or has no usable faces.
     """
     document = decompressed(parse_gltf(path, data))
     check_references(path, document.json)
-    nodes = placed_nodes(document)
+    nodes = scene_nodes(document)
     materials = MaterialReader(document)
     pieces: list[MeshPiece] = []
-    others = 0
-    for number, placed in nodes.items():
+    skipped = 0
+    for number, scene_node in nodes.items():
         node = document.entry("nodes", number)
         if "mesh" not in node:
             continue
@@ -142,48 +134,48 @@ def read_gltf(path: Path, data: bytes) -> Scene:
         name = node.get("name") or mesh.get("name") or f"mesh {node['mesh']}"
         for index, primitive in enumerate(mesh["primitives"]):
             if primitive.get("mode", TRIANGLES) not in (TRIANGLES, STRIP, FAN):
-                others += 1
+                skipped += 1
             elif "POSITION" in primitive["attributes"]:
                 shape = _shape(document, node, mesh, primitive)
                 own_name = f"{name}.{index}" if len(mesh["primitives"]) > 1 else name
-                names = {own_name, mesh.get("name"), materials.name(primitive), *placed.names}
+                names = {own_name, mesh.get("name"), materials.name(primitive), *scene_node.names}
                 material = materials.material(primitive, shape.vertices)
-                for placement in _placements(document, node, primitive, nodes, number):
-                    source = PrimitiveSource(number, node["mesh"], index, placement[..., :3, :3])
-                    pieces.append(_piece(document, own_name, names, shape, placement, source, material))
-    warnings = [f"{others} primitives of points or lines are left as they are"] if others else []
+                for matrix in _transforms(document, node, primitive, nodes, number):
+                    source = PrimitiveSource(number, node["mesh"], index, matrix[..., :3, :3])
+                    pieces.append(_piece(document, own_name, names, shape, matrix, source, material))
+    warnings = [f"{skipped} primitives of points or lines are not baked"] if skipped else []
     warnings += [*materials.warnings, *_warnings(document.json)]
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
     return replace(scene, parts=_instances(scene.parts))
 
 
 def _warnings(json: Json) -> Iterator[str]:
-    """Yield what the user should know about what is not read."""
+    """Yield warnings about what is not read."""
     scenes = json.get("scenes", [])
     if len(scenes) > 1:
         shown = json.get("scene", 0)
-        yield f"{len(scenes)} scenes are there; the one that the file shows (number {shown}, from 0) is baked"
+        yield f"the file has {len(scenes)} scenes; the one that it shows (index {shown}) is baked"
     if unknown := unknown_extensions(json.get("extensionsRequired", [])):
-        yield f"the file requires {', '.join(unknown)}, which is not known here; what it changes is not seen"
+        yield f"the file requires {', '.join(unknown)}, which is not supported and has no effect on the bake"
 
 
 def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
-    """Tell those parts that show a primitive again which part showed it first, and which within the same node."""
+    """Set Part.instance_of and duplicate_of: the first part of the same primitive, anywhere and in the same node."""
     first: dict[tuple[int, ...], int] = {}
     result = []
-    for number, part in enumerate(parts):
+    for index, part in enumerate(parts):
         source = part.source
         assert isinstance(source, PrimitiveSource)
-        anywhere = first.setdefault((source.mesh, source.primitive), number)
-        here = first.setdefault((source.mesh, source.primitive, source.node), number)
-        earlier = [None if other == number else other for other in (anywhere, here)]
+        anywhere = first.setdefault((source.mesh, source.primitive), index)
+        same_node = first.setdefault((source.mesh, source.primitive, source.node), index)
+        earlier = [None if other == index else other for other in (anywhere, same_node)]
         result.append(replace(part, instance_of=earlier[0], duplicate_of=earlier[1]))
     return tuple(result)
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """A primitive in its own space: its vertices' places and normals (n, 3), UV sets (n, 2), and (f, 3) triangles."""
+    """A primitive in its own space: positions and normals (n, 3), UV sets (n, 2), and triangles (f, 3)."""
 
     positions: Float64Array
     normals: Float64Array | None
@@ -192,7 +184,7 @@ class _Shape:
 
 
 def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _Shape:
-    """Return a primitive with its morph targets applied as far as the file's own weights ask for."""
+    """Return a primitive with its morph targets applied by the weights of the file."""
     attributes = primitive["attributes"]
     weights: list[float] = node["weights"] if "weights" in node else mesh.get("weights", [])
     positions = _morphed(document, primitive, "POSITION", weights)
@@ -207,7 +199,7 @@ def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _
 
 
 def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Float64Array:
-    """Return an attribute plus its morph targets' differences times their weights."""
+    """Return an attribute plus its weighted morph targets."""
     values = doubles(document, primitive["attributes"][name])
     for target, weight in zip(primitive.get("targets", []), weights, strict=False):
         if weight and name in target:
@@ -225,20 +217,20 @@ def _piece(
     name: str,
     names: set[str | None],
     shape: _Shape,
-    placement: Float64Array,
+    matrix: Float64Array,
     source: PrimitiveSource,
     material: Material,
 ) -> MeshPiece:
-    """Return a primitive placed by a (4, 4) or (n, 4, 4) matrix."""
+    """Return a primitive transformed by a (4, 4) matrix or by (n, 4, 4), one for each vertex."""
     linear, vertices = source.linear, shape.vertices
-    positions = np.einsum("...ij,...j->...i", linear, shape.positions) + placement[..., :3, 3]
+    positions = np.einsum("...ij,...j->...i", linear, shape.positions) + matrix[..., :3, 3]
     if source.mirrored:
         vertices, material = vertices[:, REVERSED_WINDING], mirrored_material(material)
-    if shape.normals is None:  # then they are those of the faces, says the specification
+    if shape.normals is None:  # the specification asks for flat normals then
         normals = np.repeat(face_normals(positions[vertices])[0][:, None], 3, axis=1)
     else:
-        turned = np.einsum("...ij,...j->...i", cofactors(linear), shape.normals)
-        normals = (-turned if source.mirrored else turned)[vertices]
+        transformed = np.einsum("...ij,...j->...i", cofactors(linear), shape.normals)
+        normals = (-transformed if source.mirrored else transformed)[vertices]
     uv_sets = tuple(values[vertices] for values in shape.uv_sets)
     return MeshPiece(name, positions, vertices, normals, uv_sets, source, names, material)
 
@@ -256,22 +248,22 @@ def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[n
     return indices[: len(indices) // 3 * 3].reshape(-1, 3)
 
 
-def _placements(
-    document: GltfDocument, node: Json, primitive: Json, nodes: dict[int, PlacedNode], number: int
+def _transforms(
+    document: GltfDocument, node: Json, primitive: Json, nodes: dict[int, SceneNode], number: int
 ) -> Iterator[Float64Array]:
     """Yield the (4, 4) local-to-world matrices of a primitive, or (n, 4, 4) for the vertices of a skinned one."""
     attributes, matrix = primitive["attributes"], nodes[number].matrix
     if "skin" in node and "JOINTS_0" in attributes and "WEIGHTS_0" in attributes:
         yield _skinned(document, node, attributes, matrix, nodes)
         return
-    repeated = instance_matrices(document, node)
-    yield from [matrix] if repeated is None else matrix @ repeated
+    instances = instance_matrices(document, node)
+    yield from [matrix] if instances is None else matrix @ instances
 
 
 def _skinned(
-    document: GltfDocument, node: Json, attributes: Json, matrix: Float64Array, nodes: dict[int, PlacedNode]
+    document: GltfDocument, node: Json, attributes: Json, matrix: Float64Array, nodes: dict[int, SceneNode]
 ) -> Float64Array:
-    """Return the (n, 4, 4) matrices by which a skin places the vertices of a primitive."""
+    """Return the (n, 4, 4) skinning matrices of the vertices of a primitive."""
     skin = document.entry("skins", node["skin"])
     if any(joint not in nodes for joint in skin["joints"]):
         raise damaged_file(document.path, f"skin {node['skin']} has joints outside the scene")

@@ -1,7 +1,7 @@
-"""Textures, images, samplers and buffer views that come and go in a glTF document that is being written.
+"""Remove and add textures, images, samplers and buffer views in a glTF document, keeping all references valid.
 
-What nothing needs any more leaves None in its place, so that no other number changes. New entries take such places
-first, and at the end the numbers close up over those that are left.
+A removed entry becomes None, so that no other index changes. New entries reuse such slots first; `compact` finally
+renumbers what is left.
 """
 
 import re
@@ -13,40 +13,40 @@ from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 
-# None refers to one of a kind before its own.
+# Entries refer to later kinds only.
 KINDS = ("textures", "images", "samplers", "bufferViews")
 
-# Extensions whose references are found here, or that have none to these kinds; others may count on any number.
-_UNDERSTOOD = re.compile(
+# Extensions whose references `_kind` knows, or that have none to these kinds; others may use any index.
+_KNOWN_EXTENSIONS = re.compile(
     "KHR_(materials_|texture_|mesh_quantization|lights_punctual|node_|animation_pointer|xmp).*"
     "|EXT_(texture_|mesh_gpu_instancing|mesh_features|structural_metadata|lights_image_based|instance_features).*"
     "|MSFT_texture_dds|MSFT_lod"
 )
 
-Reference = tuple[Any, Any]  # a dictionary or list, and the key under which it has a number
+Reference = tuple[Any, Any]  # a dictionary or list, and the key or index under which it holds the index of an entry
 
 
-def release(document: Json, buffer: GltfBuffer, references: Iterable[Reference]) -> None:
-    """Put None in the place of some references, and of every entry that only they needed, at second hand as well.
+def release_references(document: Json, buffer: GltfBuffer, references: Iterable[Reference]) -> None:
+    """Set references to None, and with them every entry that only they needed, directly or indirectly.
 
-    What nothing referred to before stays; so does everything in a document with extensions that are not known here.
+    Entries that were unreferenced before stay; so does everything in a document with unknown extensions.
     """
     before = _used(document)
     for holder, key in references:
         holder[key] = None
-    if not _is_understood(document):
+    if not _has_known_extensions(document):
         return
     for kind in KINDS:
         entries = document.get(kind, [])
-        gone = (before[kind] - _used(document)[kind]) & set(range(len(entries)))
+        unused = (before[kind] - _used(document)[kind]) & set(range(len(entries)))
         if kind == "bufferViews":
-            buffer.free_views(gone)
-        for index in gone:
+            buffer.free_views(unused)
+        for index in unused:
             entries[index] = None
 
 
-def place(document: Json, kind: str, entry: Json) -> int:
-    """Add an entry where one was released, or at the end; return its number."""
+def add_entry(document: Json, kind: str, entry: Json) -> int:
+    """Add an entry in a removed one's slot, or at the end; return its index."""
     entries: list[Json | None] = document.setdefault(kind, [])
     if None not in entries:
         entries.append(entry)
@@ -56,30 +56,30 @@ def place(document: Json, kind: str, entry: Json) -> int:
     return index
 
 
-def close_gaps(document: Json) -> None:
-    """Remove what was released and not taken again; what comes after it gets lower numbers."""
-    if not _is_understood(document):
+def compact(document: Json) -> None:
+    """Delete the slots of removed entries, and renumber the references to later ones."""
+    if not _has_known_extensions(document):
         views = document.get("bufferViews", [])
         views[:] = [{"buffer": 0, "byteLength": 1} if view is None else view for view in views]
         return
     references = _references(document)
     for kind in KINDS:
         entries = document.get(kind, [])
-        left = [index for index, entry in enumerate(entries) if entry is not None]
-        if len(left) == len(entries):
+        kept = [index for index, entry in enumerate(entries) if entry is not None]
+        if len(kept) == len(entries):
             continue
-        numbers = {index: number for number, index in enumerate(left)}
+        new_index = {index: number for number, index in enumerate(kept)}
         for holder, key in references[kind]:
-            holder[key] = numbers.get(holder[key], holder[key])  # a damaged document may refer to what is not there
-        document[kind] = [entries[index] for index in left]
-        if not left:  # the schema has no empty lists
+            holder[key] = new_index.get(holder[key], holder[key])  # a damaged document may have invalid ones
+        document[kind] = [entries[index] for index in kept]
+        if not kept:  # the schema forbids empty lists
             del document[kind]
 
 
 def check_references(path: Path, document: Json) -> None:
-    """Raise InputError where something refers to a texture, image, sampler or buffer view that is not there.
+    """Raise InputError for a reference to a texture, image, sampler or buffer view that does not exist.
 
-    What the bake adds would take its place.
+    An entry that the bake adds would otherwise get that index.
     """
     for kind, found in _references(document).items():
         count = len(document.get(kind, []))
@@ -89,21 +89,21 @@ def check_references(path: Path, document: Json) -> None:
 
 
 def unknown_extensions(names: Iterable[str]) -> list[str]:
-    """Return those of the names of extensions whose meaning is not known here."""
-    return sorted({name for name in names if not _UNDERSTOOD.fullmatch(name)})
+    """Return the names of extensions that are not known here, sorted."""
+    return sorted({name for name in names if not _KNOWN_EXTENSIONS.fullmatch(name)})
 
 
-def _is_understood(document: Json) -> bool:
+def _has_known_extensions(document: Json) -> bool:
     return not unknown_extensions(document.get("extensionsUsed", []))
 
 
 def _used(document: Json) -> dict[str, set[int]]:
-    """Return the numbers, of each kind, that something refers to."""
+    """Return the referenced indices of each kind."""
     return {kind: {holder[key] for holder, key in found} for kind, found in _references(document).items()}
 
 
 def _references(document: Json) -> dict[str, list[Reference]]:
-    """Return every reference to an entry of each kind."""
+    """Return all references to entries of each kind."""
     found: dict[str, list[Reference]] = {kind: [] for kind in KINDS}
     for names, holder, key in _integers(document, ()):
         kind = _kind(names)
@@ -113,12 +113,12 @@ def _references(document: Json) -> dict[str, list[Reference]]:
 
 
 def _kind(names: tuple[str, ...]) -> str | None:
-    """Return of what kind of entry an integer at the end of these names is the number; None if of none of KINDS."""
+    """Return the kind of entry that the integer at a path of names is the index of; None if of none of KINDS."""
     last, owner = names[-1], names[-2] if len(names) > 1 else ""
-    # Any textureInfo, of extensions too; EXT_structural_metadata has some under names of its user's.
+    # Any textureInfo, in extensions as well; EXT_structural_metadata has some under arbitrary names.
     if last == "index" and (owner.lower().endswith("texture") or "propertyTextures" in names):
         return "textures"
-    # Extensions of a texture have a source each; the other name is of EXT_lights_image_based.
+    # Extensions of a texture have a source; specularImages belongs to EXT_lights_image_based.
     if (last == "source" and names[0] == "textures") or last == "specularImages":
         return "images"
     if names == ("textures", "sampler"):
@@ -130,13 +130,13 @@ def _kind(names: tuple[str, ...]) -> str | None:
 
 
 def _integers(value: Any, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Yield every integer in a JSON value as the names that lead to it, and what has it under which key or index.
+    """Yield (names, holder, key) for every integer in a JSON value: the path of names to it, and where it is stored.
 
-    Those in extras are left out: their meaning is not known.
+    Integers in extras are left out: their meaning is unknown.
     """
     for key, member in list(value.items() if isinstance(value, dict) else enumerate(value)):
         path = (*names, key) if isinstance(value, dict) else names
-        if type(member) is int:  # booleans are none
+        if type(member) is int:  # not a boolean
             yield path, value, key
         elif isinstance(member, dict | list) and key != "extras":
             yield from _integers(member, path)

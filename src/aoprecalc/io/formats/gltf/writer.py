@@ -1,4 +1,4 @@
-"""Makes a glTF document for a scene that came from another kind of file."""
+"""Write glTF 2.0, as .gltf with its buffer beside it or as one .glb."""
 
 import json
 import struct
@@ -20,14 +20,14 @@ from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, Glt
 from aoprecalc.io.formats.gltf.edit import edit_document
 from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, carry_images
 from aoprecalc.io.formats.gltf.occlusion_textures import (
-    OrmPicture,
-    occlude,
-    orm_pictures,
+    OrmImage,
+    assign_textures,
     own_materials,
+    pack_orm,
     replaced_references,
-    texture_reference,
+    texture_info,
 )
-from aoprecalc.io.formats.gltf.references import close_gaps, release
+from aoprecalc.io.formats.gltf.references import compact, release_references
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.mesh.topology import corners_to_vertices
@@ -37,12 +37,12 @@ from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 def new_document(
     scene: Scene, atlas: Atlas, normals: Float32Array
 ) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
-    """Return (json, buffer, sets) for a scene: a node and a mesh for each name and material among its parts.
+    """Return (json, buffer, texcoords) for a scene of another format: a node and a mesh for each name and material.
 
-    Positions are rounded to float32. Materials of an OBJ keep their diffuse colour and texture, the image of which has
-    a URI that counts from the scene's folder. UVs that the file has are kept: before new ones where a texture lies on
-    them, else after these, since plain viewers know only the first set. Parts that do not receive have the file's UVs
-    and normals alone. `sets` tells for each (mesh, primitive) that receives which TEXCOORD_n is the atlas's.
+    Positions are rounded to float32. Materials keep their diffuse colour and texture, whose URI is relative to the
+    scene's folder. The file's first UV set is kept: before the new set if a texture needs it, else after it, since
+    simple viewers read the first set only. Parts that do not receive get only the file's UVs and normals.
+    `texcoords` is (mesh, primitive) -> the n of the TEXCOORD_n of the atlas, for primitives that receive.
     """
     json: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0, "scenes": [{"nodes": []}]}
     json |= {"nodes": [], "meshes": [], "materials": []}
@@ -50,7 +50,7 @@ def new_document(
     known = source_materials(scene)
     names = material_names(scene.parts, known)
     materials: dict[MaterialUse, int] = {}
-    sets = {}
+    texcoords = {}
     for (name, use), parts in _groups(scene).items():
         material = known.get(use[0] or "", SourceMaterial(""))
         if use not in materials:
@@ -61,18 +61,18 @@ def new_document(
         uv_sets = [*own, *new] if material.texture else [*new, *own]
         primitive = _primitive(buffer, scene, parts, normals if use[1] else scene.normals, uv_sets)
         if use[1]:
-            sets[len(json["meshes"]), 0] = len(own) if new and material.texture else 0
+            texcoords[len(json["meshes"]), 0] = len(own) if new and material.texture else 0
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
-        json["nodes"].append({"name": _clean(name), "mesh": len(json["meshes"])})
-        json["meshes"].append({"name": _clean(name), "primitives": [primitive | {"material": materials[use]}]})
-    return json, buffer, sets
+        json["nodes"].append({"name": _valid_unicode(name), "mesh": len(json["meshes"])})
+        json["meshes"].append({"name": _valid_unicode(name), "primitives": [primitive | {"material": materials[use]}]})
+    return json, buffer, texcoords
 
 
-def show_texture(json: Json, sets: dict[tuple[int, int], int], texture: int) -> None:
-    """Make the baked texture the base colour as well, where a material has none: plain viewers show only that."""
-    for (mesh, index), number in sets.items():
+def show_texture(json: Json, texcoords: dict[tuple[int, int], int], texture: int) -> None:
+    """Make the baked texture the base colour, too, of materials without one: simple viewers show only that."""
+    for (mesh, index), texcoord in texcoords.items():
         material = json["materials"][json["meshes"][mesh]["primitives"][index]["material"]]
-        material["pbrMetallicRoughness"].setdefault("baseColorTexture", texture_reference(texture, number))
+        material["pbrMetallicRoughness"].setdefault("baseColorTexture", texture_info(texture, texcoord))
 
 
 def _groups(scene: Scene) -> dict[tuple[str, MaterialUse], list[Part]]:
@@ -89,10 +89,10 @@ def _primitive(
     normals: Float32Array | None,
     uv_sets: Sequence[Float64Array],
 ) -> Json:
-    """Return a primitive of the faces of some parts, with these values at the corners of all faces."""
+    """Return a primitive of the faces of some parts; normals and UVs are those of all faces of the scene."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
-    values |= {f"TEXCOORD_{number}": _upside_down(uvs[faces]) for number, uvs in enumerate(uv_sets)}
+    values |= {f"TEXCOORD_{number}": _flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
     split = corners_to_vertices(scene.faces[faces], *values.values())
     positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]]
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
@@ -108,19 +108,16 @@ def _material(json: Json, name: str, material: SourceMaterial, scene: Scene) -> 
         images.append({"uri": relative_uri(material.texture, scene.path)})
         textures.append({"source": len(images) - 1})
         color["baseColorTexture"] = {"index": len(textures) - 1}
-    return {"name": _clean(name), "pbrMetallicRoughness": color}
+    return {"name": _valid_unicode(name), "pbrMetallicRoughness": color}
 
 
-def _upside_down(uvs: Float64Array) -> Float32Array:
+def _flip_v(uvs: Float64Array) -> Float32Array:
     return np.stack([uvs[:, :, 0], 1.0 - uvs[:, :, 1]], axis=2).astype(np.float32)
 
 
-def _clean(name: str) -> str:
-    """Return a name whose bytes were no UTF-8 with the replacement character in their place."""
+def _valid_unicode(name: str) -> str:
+    """Return a name with the replacement character for bytes that are not UTF-8."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-
-
-# Writes glTF 2.0, as .gltf with its buffer beside it or as one .glb.
 
 
 def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
@@ -133,19 +130,19 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
     is_new = not isinstance(scene.document, GltfDocument)
     warnings = list[str]()
     if isinstance(scene.document, GltfDocument):
-        document, buffer, sets, notes = edit_document(scene.document, scene, atlas, mesh.normals)
+        document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals)
         warnings += notes
     else:
-        document, buffer, sets = new_document(scene, atlas, mesh.normals)
-    materials, notes = own_materials(document, sets)
+        document, buffer, texcoords = new_document(scene, atlas, mesh.normals)
+    materials, notes = own_materials(document, texcoords)
     warnings += notes
-    packed: dict[int, OrmPicture] = {}
+    packed: dict[int, OrmImage] = {}
     if mesh.pack == "orm":
         so_far = GltfDocument(scene.path, document, (buffer.data,))
-        packed, notes = orm_pictures(so_far, materials, atlas, read_image(outputs.written(texture)))
+        packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)))
         warnings += notes
 
-    release(document, buffer, replaced_references(document, materials, packed))
+    release_references(document, buffer, replaced_references(document, materials, packed))
     warnings += carry_images(outputs, path, document, buffer, scene.path)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
     if len(textures) < len(materials):
@@ -153,9 +150,9 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
         warnings += notes
         textures = dict.fromkeys(materials, number) | textures
         if is_new:
-            show_texture(document, sets, number)
-    occlude(document, materials, textures, packed)
-    close_gaps(document)
+            show_texture(document, texcoords, number)
+    assign_textures(document, materials, textures, packed)
+    compact(document)
     _write(outputs, path, document, buffer.data)
     return tuple(warnings)
 
@@ -173,9 +170,9 @@ def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
 
 
 def glb(text: bytes, data: bytes) -> bytes:
-    """Lay out a GLB: the document's text, then its binary chunk, where that holds anything."""
+    """Return a GLB: a chunk with the JSON text and a chunk with the binary data, which may be empty."""
     chunks = b""
-    for kind, content, filler in ((JSON_CHUNK, text, b" "), (BIN_CHUNK, data, b"\0")):
-        padded = content + filler * (-len(content) % 4)
-        chunks += struct.pack("<II", len(padded), kind) + padded
+    for chunk_type, content, padding in ((JSON_CHUNK, text, b" "), (BIN_CHUNK, data, b"\0")):
+        padded = content + padding * (-len(content) % 4)
+        chunks += struct.pack("<II", len(padded), chunk_type) + padded
     return MAGIC + struct.pack("<II", 2, 12 + len(chunks)) + chunks
