@@ -14,7 +14,7 @@ from gltf_kit.gltf_validator import needs_validator, new_issues
 from gltf_kit.gltf_values import GltfValues
 from shapes import MESHES
 
-pytestmark = pytest.mark.corpus
+pytestmark = [pytest.mark.corpus, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module", params=["ToyCar", "DamagedHelmet"])

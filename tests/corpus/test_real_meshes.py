@@ -11,7 +11,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from shapes import MESHES
 
-pytestmark = pytest.mark.corpus
+pytestmark = [pytest.mark.corpus, pytest.mark.slow]
 
 
 def test_the_ogre_agrees_with_its_authored_map():

@@ -253,6 +253,7 @@ def test_the_hook_bakes_what_has_changed_and_names_stay(project):
     assert made(project) == MADE
 
 
+@pytest.mark.slow
 def test_the_hook_stops_a_commit_of_a_broken_mesh(project):
     break_mesh(project)
     done = run(project, *shlex.split(HOOK["entry"]))
