@@ -56,8 +56,8 @@ class BakeResult:
         What was chosen and measured.
     """
 
-    ao: Float32Array
-    valid: BoolArray
+    ao: Float32Array = field(repr=False)
+    valid: BoolArray = field(repr=False)
     mesh: Mesh
     report: BakeReport
     _baked: Baked = field(repr=False)

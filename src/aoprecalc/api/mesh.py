@@ -147,7 +147,7 @@ class Mesh:
         """
         if not _is_trimesh(mesh):
             hint = "; use scene.to_mesh()" if type(mesh).__name__ == "Scene" else ""
-            raise ArgumentError("mesh", f"is {describe_type(mesh)}, a trimesh.Trimesh was expected{hint}")
+            raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, a trimesh.Trimesh was expected{hint}")
         uvs = getattr(mesh.visual, "uv", None)
         vertex_normals = mesh.vertex_normals if normals else None
         return cls(mesh.vertices, mesh.faces, normals=vertex_normals, uvs=uvs, name=name)
@@ -219,7 +219,7 @@ def load(path: str | PathLike[str]) -> Mesh:
         If the file is missing, damaged, or has no face with an area.
     """
     if not isinstance(path, str | PathLike):
-        raise ArgumentError("path", f"is {describe_type(path)}, the path of a mesh file was expected")
+        raise ArgumentError("path", f"is of type {type(path).__name__}, the path of a mesh file was expected")
     scene = load_scene(path)
     return Mesh._of(scene, scene.positions, scene.faces, scene.path.stem, None)
 
@@ -232,7 +232,7 @@ def as_mesh(mesh: MeshLike) -> Mesh:
         return load(mesh)
     if _is_trimesh(mesh):
         return Mesh.from_trimesh(mesh)
-    raise ArgumentError("mesh", f"is {describe_type(mesh)}, a Mesh, a path or a trimesh.Trimesh was expected")
+    raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, a Mesh, a path or a trimesh.Trimesh was expected")
 
 
 def baked_mesh(mesh: Mesh, scene: Scene, uvs: Float64Array, normals: Float32Array, ao: Float32Array) -> Mesh:
@@ -303,12 +303,6 @@ def _array(argument: str, values: ArrayLike, shapes: Sequence[Shape]) -> NDArray
 def _per_corner(argument: str, values: ArrayLike, width: int, sizes: tuple[int, tuple[int, int]]) -> Float64Array:
     vertices, (faces, corners) = sizes
     return numbers(argument, values, (vertices, width), (faces, corners, width))
-
-
-def describe_type(value: object) -> str:
-    """Return the name of a value's type with its article, for messages."""
-    name = type(value).__name__
-    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
 
 
 def _is_trimesh(mesh: object) -> bool:

@@ -92,7 +92,6 @@ def batch(
         If the output folder cannot be written. A cache that cannot be written is only a warning.
     AoprecalcError
         If a cluster cannot be reached or used.
-
     """
     paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
     spec = JobSpec(bake, spheres) if bake or spheres else None
