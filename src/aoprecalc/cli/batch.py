@@ -17,14 +17,15 @@ from aoprecalc.options import BatchOptions
 if TYPE_CHECKING:
     from aoprecalc.pipeline import BatchResult
 
-_OWN = {"output", "mesh_output", "report", "measure", "as_json", "quiet", "verbose"}  # what batch sees to itself
+# Options of bake and spheres that batch sets itself.
+_SET_BY_BATCH = {"output", "mesh_output", "report", "measure", "as_json", "quiet", "verbose"}
 
 
 class _BatchCommand(Command):
-    """Tells where the options of other commands go."""
+    """A command whose error about an option of bake or spheres says where it belongs."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse; an option of bake or spheres is called that."""
+        """Parse the command line; raises UsageError for an option of bake or spheres."""
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
@@ -113,21 +114,23 @@ def batch(
         raise UsageError("--cache and --no-cache were given; omit one of them")
     spec = None
     if bake or spheres:
-        spec = make_job_spec(_given(bake_command, "--bake", bake), _given(spheres_command, "--spheres", spheres))
+        spec = make_job_spec(
+            _parse_options(bake_command, "--bake", bake), _parse_options(spheres_command, "--spheres", spheres)
+        )
     planned = plan_batch(patterns, output, spec)
-    wanted = {"report": (report, ".json"), "junit": (junit, ".xml")}
-    places = {name: _place(name, path, suffix) for name, (path, suffix) in wanted.items() if path is not None}
+    requested = {"report": (report, ".json"), "junit": (junit, ".xml")}
+    paths = {name: _report_path(name, text, suffix) for name, (text, suffix) in requested.items() if text is not None}
     with Outputs() as outputs:
         outputs.protect(planned.protected_files())
         outputs.folder(planned.output)
-        for name, place in places.items():
-            claim_output(outputs, wanted[name][0], place)
+        for name, path in paths.items():
+            claim_output(outputs, requested[name][0], path)
         with BatchTable(quiet=quiet, verbose=verbose) as progress:
             result = run_batch(planned, None if no_cache else cache or default_cache(), options, progress)
-        if "report" in places:
-            write_json(outputs.path(places["report"]), result.report)
-        if "junit" in places:
-            outputs.path(places["junit"]).write_text(
+        if "report" in paths:
+            write_json(outputs.path(paths["report"]), result.report)
+        if "junit" in paths:
+            outputs.path(paths["junit"]).write_text(
                 junit_text(result.results, result.report["seconds"]), encoding="utf-8"
             )
     click.echo(json_text(result.report) if as_json else "\n".join(table(result)), nl=not as_json)
@@ -139,10 +142,10 @@ def batch(
         done = len(result.results) - counts["failed"] - counts["stopped"]
         raise StoppedError(f"interrupted; {done} of {len(result.results)} assets are there, the same command goes on")
     if not result.passed:
-        raise AnswerError(_said(result, planned.output))
+        raise AnswerError(_failure_message(result, planned.output))
 
 
-def _said(result: "BatchResult", folder: Path) -> str:
+def _failure_message(result: "BatchResult", folder: Path) -> str:
     counts, total = result.report["counts"], len(result.results)
     found = f"{counts['failed']} of {total} assets failed" if total > 1 else "the asset failed"
     if counts["stopped"]:
@@ -152,18 +155,18 @@ def _said(result: "BatchResult", folder: Path) -> str:
     return f"{found}; correct what failed and run the same command again"
 
 
-def _place(name: str, wanted: str, suffix: str) -> Path:
-    """Return the file of a report; raises UsageError for another extension, as it may be a mesh's own file."""
+def _report_path(name: str, text: str, suffix: str) -> Path:
+    """Return the path of a report; raises UsageError for another extension, since the file could be a mesh."""
     from aoprecalc.io.outputs import output_path
 
-    place = output_path(wanted, f"batch{suffix}")
-    if place.suffix.lower() != suffix:
-        raise UsageError(f"--{name} is {wanted!r}; expected a file whose name ends in {suffix}, or a folder")
-    return place
+    path = output_path(text, f"batch{suffix}")
+    if path.suffix.lower() != suffix:
+        raise UsageError(f"--{name} is {text!r}; expected a file whose name ends in {suffix}, or a folder")
+    return path
 
 
-def _given(command: click.Command, name: str, texts: tuple[str, ...]) -> dict[str, Any] | None:
-    """Return the options of a command that texts give, by their names; None for no text."""
+def _parse_options(command: click.Command, name: str, texts: tuple[str, ...]) -> dict[str, Any] | None:
+    """Return the options of a command that texts give, by argument; None where there is no text."""
     if not texts:
         return None
     text = " ".join(texts)
@@ -178,7 +181,7 @@ def _given(command: click.Command, name: str, texts: tuple[str, ...]) -> dict[st
         )
         raise UsageError(f"{name} is {text!r}: {reason}; see `aoprecalc {command.name} --help`") from error
     given = {key for key in context.params if context.get_parameter_source(key) is ParameterSource.COMMANDLINE}
-    for own in sorted(given & _OWN):
+    for own in sorted(given & _SET_BY_BATCH):
         option = own.removeprefix("as_").replace("_", "-")
         raise UsageError(f"{name} has --{option}, which batch, or a manifest, chooses; omit it there")
     return {key: context.params[key] for key in given - {"mesh"}}

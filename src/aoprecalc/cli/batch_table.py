@@ -1,4 +1,4 @@
-"""What a person sees of a batch: a live table on a terminal, a line an asset in a log; and the summary at the end."""
+"""Progress of a batch: a live table on a terminal, one line per asset in a log; and the summary at the end."""
 
 import sys
 import time
@@ -11,22 +11,22 @@ import click
 from aoprecalc.pipeline import AssetResult, BatchProgress, BatchResult
 from aoprecalc.pipeline.jobs import Asset
 
-_NAME = 48  # columns of a name at most
+_MAX_NAME_WIDTH = 48  # columns
 
 
 class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
-    """Shows the assets under way on a terminal; in a log, prints a line for each that ends. All on stderr."""
+    """Shows the running assets on a terminal; prints a line for each finished asset in a log. All on stderr."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
-        """Show nothing until there is something to show."""
+        """Start the clock."""
         self._quiet, self._verbose = quiet, verbose
         self._total, self._counts = 0, dict[str, int]()
-        self._running: dict[str, tuple[str, float]] = {}  # name -> stage, when it began
+        self._running: dict[str, tuple[str, float]] = {}  # name -> stage, when it started
         self._live: Any = None
         self._started = time.monotonic()
 
     def __enter__(self) -> "BatchTable":
-        """Begin to draw, where there is a terminal."""
+        """Start the live table if stderr is a terminal."""
         if sys.stderr.isatty() and not self._quiet:
             from rich.console import Console
             from rich.live import Live
@@ -38,21 +38,21 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Take the table away."""
+        """Remove the live table."""
         if self._live is not None:
             self._live.__exit__(kind, error, trace)
 
     def begin(self, total: int) -> None:
-        """Know how many there are."""
+        """Set the number of assets."""
         self._total = total
 
     def stage(self, asset: Asset, name: str) -> None:
-        """Show the stage beside the asset."""
-        began = self._running.get(asset.name, ("", time.monotonic()))[1]
-        self._running[asset.name] = (name, began)
+        """Show the stage of an asset."""
+        started = self._running.get(asset.name, ("", time.monotonic()))[1]
+        self._running[asset.name] = (name, started)
 
     def end(self, result: AssetResult) -> None:
-        """Count a result, and print its line in a log; above a live table only failures have one."""
+        """Count a result and print its line; beside a live table only that of a failure."""
         self._running.pop(result.asset.name, None)
         self._counts[result.status] = self._counts.get(result.status, 0) + 1
         if result.status == "failed" or (self._live is None and result.status in ("made", "cached")):
@@ -82,7 +82,7 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
             click.echo(text, err=True)
 
     def _draw(self) -> Any:
-        """Return the table of this moment."""
+        """Return the live table as it is now."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
         from rich.table import Table
@@ -90,8 +90,8 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
 
         now, done = time.monotonic(), sum(self._counts.values())
         table = Table.grid(padding=(0, 2))
-        for name, (stage, began) in self._running.copy().items():
-            table.add_row(Text(f"  {name}", overflow="ellipsis", no_wrap=True), Text(stage), f"{now - began:6.1f} s")
+        for name, (stage, started) in self._running.copy().items():
+            table.add_row(Text(f"  {name}", overflow="ellipsis", no_wrap=True), Text(stage), f"{now - started:6.1f} s")
         head = Table.grid(padding=(0, 2))
         failed = self._counts.get("failed", 0)
         words = f"{done}/{self._total}" + (f", {failed} failed" if failed else "")
@@ -100,10 +100,12 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
 
 
 def table(result: BatchResult) -> list[str]:
-    """Return the table at the end: a row for each asset, but for those that needed nothing, and how many there are."""
+    """Return the lines at the end: one for each asset that was made or failed, and the counts."""
     rows = [entry for entry in result.results if entry.status in ("made", "cached", "failed")]
-    width = min(_NAME, max((len(entry.asset.name) for entry in rows), default=0))
-    lines = [f"{entry.status:<6} {entry.seconds:7.1f} s  {entry.asset.name:<{width}}  {_said(entry)}" for entry in rows]
+    width = min(_MAX_NAME_WIDTH, max((len(entry.asset.name) for entry in rows), default=0))
+    lines = [
+        f"{entry.status:<6} {entry.seconds:7.1f} s  {entry.asset.name:<{width}}  {_summary(entry)}" for entry in rows
+    ]
     counts, total = result.report["counts"], len(result.results)
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
     return [
@@ -113,12 +115,12 @@ def table(result: BatchResult) -> list[str]:
 
 
 def _printable(line: str) -> str:
-    """Return a line without what a terminal, or who reads a log, would take for more than text."""
+    """Replace characters that a terminal or a log reader could interpret, such as escapes, by `?`."""
     return "".join(char if char.isprintable() else "?" for char in line)
 
 
-def _said(result: AssetResult) -> str:
-    """Return what was made of an asset, or why nothing was."""
+def _summary(result: AssetResult) -> str:
+    """Return the summary of an asset, or why it failed."""
     if result.failure is not None:
         return result.failure.message
     summary, parts = result.summary or {}, []
@@ -128,7 +130,7 @@ def _said(result: AssetResult) -> str:
     if summary.get("rmse") is not None:
         parts.append(f"RMS error {summary['rmse']:.4f}")
     if "spheres" in summary:
-        parts.append(f"{summary['spheres']} spheres, silhouettes {summary['silhouette_iou']:.3f} alike")
+        parts.append(f"{summary['spheres']} spheres, silhouette IoU {summary['silhouette_iou']:.3f}")
     if warnings := len(summary.get("warnings", ())):
         parts.append(f"{warnings} warning{'s' if warnings > 1 else ''}")
     return ", ".join(parts)

@@ -1,4 +1,4 @@
-"""`aoprecalc cache`: what batches share."""
+"""`aoprecalc cache`: the results that batches share."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 _folder = option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of the cache.")
 
 
-@click.group(no_args_is_help=False, short_help="See or prune the results that batches share.")
+@click.group(no_args_is_help=False, short_help="Print or prune the cache of results that batches share.")
 def cache() -> None:
-    """See or prune the folder of results that batches share."""
+    """Print or prune the cache: a folder of results that batches share."""
 
 
 @cache.command(cls=Command, short_help="Print where the cache is and how large it is.")
@@ -28,7 +28,7 @@ def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
     from aoprecalc.pipeline import Cache, default_cache
 
     folder = Path(cache) if cache else default_cache()
-    _say(folder, "holds", Cache(folder).usage(), as_json)
+    _print(folder, "holds", Cache(folder).usage(), as_json)
 
 
 @cache.command(cls=Command, short_help="Remove results that are old, or exceed a size.")
@@ -66,10 +66,10 @@ def prune(
         raise UsageError("nothing says what to remove; give --max-size, --max-age or --all")
     folder = Path(cache) if cache else default_cache()
     removed = Cache(folder).prune(0 if everything else max_size, None if max_age is None else max_age * 86400)
-    _say(folder, "removed", removed, as_json)
+    _print(folder, "removed", removed, as_json)
 
 
-def _say(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
+def _print(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
     if as_json:
         from aoprecalc.io.outputs import SCHEMAS, json_text
 

@@ -1,4 +1,4 @@
-"""Annotations: lines in the log of a GitHub workflow that GitHub shows beside the files they are about."""
+"""What commands print on stderr while they work: progress, notes, warnings, and annotations for GitHub workflows."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ from aoprecalc.progress import Progress
 
 
 def annotate(level: str, message: str, *, file: Path | None = None) -> None:
-    """Print a workflow command on standard error; nothing outside of a workflow.
+    """Print an annotation, which GitHub shows beside the file; nothing where no GitHub workflow runs.
 
     level   error, warning or notice
     """
@@ -28,22 +28,19 @@ def _escaped(text: str) -> str:
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
-# What a person sees while a command works: stages on a terminal, a few plain lines in a log. All of it on stderr.
-
-
 class Console(Progress):
-    """Prints warnings and notes unless quiet, and stages with bars where stderr is a terminal."""
+    """Prints warnings and notes unless quiet; shows progress bars if stderr is a terminal."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
-        """Nothing is printed until there is something to say."""
+        """Print nothing yet."""
         self._quiet = quiet
         self._verbose = verbose and not quiet
-        self._bar: Any = None  # of the present stage; None where there is no terminal to draw it on
+        self._bar: Any = None  # of the current stage; None without a terminal
         self._task: Any = None
 
     @contextmanager
     def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[None]:
-        """Show the stage while it lasts; -v prints its seconds."""
+        """Show a stage while it lasts; with `verbose`, print its seconds."""
         started = time.perf_counter()
         if sys.stderr.isatty() and not self._quiet:
             with _bar(total) as self._bar:
@@ -58,21 +55,21 @@ class Console(Progress):
             self._say(f"{name}: {time.perf_counter() - started:.2f} s")
 
     def advance(self, count: int = 1) -> None:
-        """Move the bar of the present stage."""
+        """Advance the bar of the current stage."""
         if self._bar is not None:
             self._bar.advance(self._task, count)
 
     def step(self, text: str) -> None:
-        """Show the step beside the seconds of a stage without a total; a log does without."""
+        """Show the step of the current stage on a terminal."""
         if self._bar is not None:
             self._bar.update(self._task, step=text)
 
     def note(self, text: str) -> None:
-        """Print a line about a choice that was made."""
+        """Print a note."""
         self._say(text)
 
     def warn(self, text: str) -> None:
-        """Print a line that begins with `warning:`."""
+        """Print a warning."""
         self._say(f"warning: {text}")
 
     def _say(self, line: str) -> None:
@@ -85,7 +82,7 @@ class Console(Progress):
 
 
 def _bar(total: int | None) -> Any:
-    """Return rich's progress for one stage; it vanishes when the stage ends."""
+    """Return a rich progress bar for one stage; it disappears when the stage ends."""
     from rich import progress
     from rich.console import Console as Terminal
 

@@ -1,4 +1,4 @@
-"""`aoprecalc`: the group of commands, and the one place where errors become exit codes."""
+"""`aoprecalc`: the group of commands. Errors become messages and exit codes here."""
 
 import re
 import signal
@@ -22,22 +22,22 @@ from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AnswerError, AoprecalcError, ArgumentError
 
 EPILOG = (
-    "Exit codes: 0 done; 1 the work failed, verify or compare found more than allowed, or a batch's mesh failed; "
-    "2 wrong usage; 3 no way to render; 4 the input mesh is unusable. "
-    "A failure leaves no file behind, but for the reports and pictures of a verify or compare that answers no."
+    "Exit codes: 0 done; 1 the work failed, verify or compare did not pass, or a mesh of a batch failed; "
+    "2 wrong usage; 3 no renderer works; 4 the input mesh is unusable. "
+    "A command that fails leaves no file behind; a verify or compare that does not pass keeps its report and pictures."
 )
 
 
 class _Group(click.Group):
-    """A group whose failures, click's own included, end in one `error:` line and an exit code."""
+    """A group of commands that reports every failure, click's included, by one `error:` line and an exit code."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; always ends the process."""
         kwargs["standalone_mode"] = False
         for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, TextIOWrapper):  # names of files need not be text
+            if isinstance(stream, TextIOWrapper):  # file names may be invalid text
                 stream.reconfigure(errors="backslashreplace")
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does, which tidies up
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as after Ctrl-C
         try:
             sys.exit(super().main(*args, **kwargs) or 0)
         except AoprecalcError as error:
@@ -50,9 +50,9 @@ class _Group(click.Group):
             click.echo("error: interrupted; no output was written", err=True)
             sys.exit(130)
         except BrokenPipeError:
-            sys.exit(1)  # whoever read the results has gone
+            sys.exit(1)  # the reader of standard output is gone
         except OSError as error:
-            _fail(f"reading or writing failed ({error}); check the disk, and where standard output goes", 1, error)
+            _fail(f"reading or writing failed ({error}); check the disk and the target of standard output", 1, error)
         except MemoryError as error:
             _fail("out of memory; use a smaller --size or mesh", 1, error)
         except Exception as error:
@@ -83,8 +83,9 @@ main.add_command(doctor)
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:
-    asked = any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:])
-    if asked and not isinstance(error, AnswerError):
+    """Print the error, with its traceback if `-v` is given, and exit."""
+    verbose = any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:])
+    if verbose and not isinstance(error, AnswerError):
         traceback.print_exception(error)
     line = " ".join(message.split())
     click.echo(f"error: {line}", err=True)
@@ -98,7 +99,7 @@ def _message(error: AoprecalcError) -> str:
 
 
 def _usage_line(error: click.ClickException) -> str:
-    """Say click's message in this program's form: what was found, and where to read what is expected."""
+    """Return a message of click with a pointer to the command's help."""
     message = error.format_message().rstrip(".")
     context = getattr(error, "ctx", None)
     return f"{message}; see `{context.command_path} --help`" if context else message

@@ -57,9 +57,9 @@ def spheres(mesh: str, **given: Any) -> None:
     if fitted.radius_rule == "own":
         effort = f"after {fitted.iterations} steps"
     click.echo(f"{path}  {len(fitted)} sphere{'s' if len(fitted) > 1 else ''}, {effort}")
-    parts = "" if quality.leak is None else f", {quality.leak:.3f} missing, {quality.spill:.3f} beside"
+    parts = "" if quality.leak is None else f", leak {quality.leak:.3f}, spill {quality.spill:.3f}"
     error = f"surface error {quality.surface_error_mean:.4f} of the diagonal"
-    click.echo(f"silhouettes {quality.silhouette_iou:.3f} alike{parts}; {error}")
+    click.echo(f"silhouette IoU {quality.silhouette_iou:.3f}{parts}; {error}")
 
 
 def _refuse_others(names: set[str]) -> None:
@@ -71,5 +71,5 @@ def _refuse_others(names: set[str]) -> None:
 
 
 def _table(quality: dict[str, float]) -> str:
-    """A line for each figure."""
+    """Return a line for each measure."""
     return "".join(f"{name:20} {value:.6g}\n" for name, value in quality.items())
