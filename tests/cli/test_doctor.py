@@ -54,19 +54,19 @@ def run(folder, *words, start="", **variables):
 
 def works(name="a driver"):
     facts = {"renderer": name, "vendor": "", "version": "4.5", "software": True, "max_texture_size": 16384}
-    return probing.Answer(facts)
+    return probing.ProbeAnswer(facts)
 
 
 def refuses(why="eglInitialize failed (0x3001)"):
-    return probing.Answer(fault=why)
+    return probing.ProbeAnswer(fault=why)
 
 
 def crashes():
-    return probing.Answer(fault="signal 11 (Segmentation fault) ended it at step: starting", deadly=True)
+    return probing.ProbeAnswer(fault="signal 11 (Segmentation fault) ended it at step: starting", crashed=True)
 
 
 def found(*opengl, rays):
-    return probing.Found(tuple(zip(CANDIDATES, opengl, strict=False)), rays)
+    return probing.ProbeResults(tuple(zip(CANDIDATES, opengl, strict=False)), rays)
 
 
 def test_it_says_what_works_and_passes(tmp_path):
@@ -146,12 +146,12 @@ def python(program):
 @pytest.mark.parametrize(
     ("program", "answer"),
     [
-        ('print(\'{"renderer": "r"}\')', probing.Answer({"renderer": "r"})),
-        ("print('a driver talks'); print('{\"renderer\": \"r\"}')", probing.Answer({"renderer": "r"})),
-        ('print(\'{"fault": "too old"}\')', probing.Answer(fault="too old")),
+        ('print(\'{"renderer": "r"}\')', probing.ProbeAnswer({"renderer": "r"})),
+        ("print('a driver talks'); print('{\"renderer\": \"r\"}')", probing.ProbeAnswer({"renderer": "r"})),
+        ('print(\'{"fault": "too old"}\')', probing.ProbeAnswer(fault="too old")),
         ("import os; os.kill(os.getpid(), 11)", crashes()),
-        ("raise OSError('no disk')", probing.Answer(fault="OSError: no disk", deadly=True)),
-        ("", probing.Answer(fault="it ended without an answer", deadly=True)),
+        ("raise OSError('no disk')", probing.ProbeAnswer(fault="OSError: no disk", crashed=True)),
+        ("", probing.ProbeAnswer(fault="it ended without an answer", crashed=True)),
     ],
 )
 def test_a_probe_that_answers_or_crashes(program, answer):
@@ -166,7 +166,7 @@ def test_a_probe_that_hangs_is_ended_and_the_others_are_heard(tmp_path):
         f"pathlib.Path({str(note)!r}).write_text(str(os.getpid())); time.sleep(600)"
     )
     answers = probing.run_probes([python(hangs), python("print('{}')")], timeout=3)
-    assert answers == [probing.Answer(fault="it hangs: no answer within 3 s", deadly=True), probing.Answer()]
+    assert answers == [probing.ProbeAnswer(fault="it hangs: no answer within 3 s", crashed=True), probing.ProbeAnswer()]
     with pytest.raises(ProcessLookupError):
         os.kill(int(note.read_text()), 0)
 
@@ -201,7 +201,7 @@ def test_a_self_test_with_too_great_an_error_is_said_and_the_code_is_one(monkeyp
         "passed": False,
         "seconds": 1.0,
     }
-    monkeypatch.setattr(checkup, "run_probes", lambda commands, patience: [probing.Answer(measured)])
+    monkeypatch.setattr(checkup, "run_probes", lambda commands, patience: [probing.ProbeAnswer(measured)])
     done = CliRunner().invoke(command, [])
     assert isinstance(done.exception, AoprecalcError)
     assert done.exception.exit_code == 1

@@ -1,4 +1,4 @@
-"""What this machine can render with: each renderer is tried in a process of its own, which it may crash or hang."""
+"""What this machine can bake with: each renderer is tried in a process of its own, which it may crash or hang."""
 
 import json
 from collections.abc import Sequence
@@ -18,44 +18,44 @@ PROBE_SECONDS = 20.0  # that a probe may take; it needs a tenth of one
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What a probe found.
+class ProbeAnswer:
+    """The answer of a probe.
 
-    facts    what it says of itself; empty where it does not work
-    fault    why it does not work; empty where it does
-    deadly   its process crashed or hung, as a bake that tried it would
+    facts     properties of the renderer; empty if it does not work
+    fault     why it does not work; empty if it does
+    crashed   its process crashed or hung, as a bake with it would
     """
 
     facts: dict[str, Any] = field(default_factory=dict)
     fault: str = ""
-    deadly: bool = False
+    crashed: bool = False
 
     @property
     def works(self) -> bool:
-        """Tell whether it works."""
+        """Whether the renderer works."""
         return not self.fault
 
 
 @dataclass(frozen=True)
-class Found:
-    """What all that may render have answered: for OpenGL, in the order in which a bake tries them, and for rays."""
+class ProbeResults:
+    """The answers of all renderers: OpenGL contexts, in the order in which a bake tries them, and ray tracing."""
 
-    opengl: tuple[tuple[Candidate, Answer], ...]
-    rays: Answer
+    opengl: tuple[tuple[Candidate, ProbeAnswer], ...]
+    rays: ProbeAnswer
 
 
-def probe_all() -> Found:
-    """Try every EGL device, OSMesa and Embree, at the same time."""
-    count, osmesa, rays = run_probes([_child("count"), _child("osmesa"), _child("rays")])
-    # Without a number the first device is tried, if only for the reason that a bake would give.
-    there = max(1, count.facts.get("devices", 1))
-    devices = [candidate for candidate in CANDIDATES if candidate.kind == "egl"][:there]
-    answers = run_probes([_child("egl", str(candidate.device)) for candidate in devices])
+def probe_all() -> ProbeResults:
+    """Probe every EGL device, OSMesa and Embree."""
+    count, osmesa, rays = run_probes([_probe_command("count"), _probe_command("osmesa"), _probe_command("rays")])
+    # If there is no device, the first one is probed anyway, for the reason that a bake would give.
+    device_count = max(1, count.facts.get("devices", 1))
+    devices = [candidate for candidate in CANDIDATES if candidate.kind == "egl"][:device_count]
+    answers = run_probes([_probe_command("egl", str(candidate.device)) for candidate in devices])
     others = [(candidate, osmesa) for candidate in CANDIDATES if candidate.kind == "osmesa"]
-    return Found((*zip(devices, answers, strict=True), *others), rays)
+    return ProbeResults((*zip(devices, answers, strict=True), *others), rays)
 
 
-def run_probes(commands: Sequence[list[str]], timeout: float = PROBE_SECONDS) -> list[Answer]:
+def run_probes(commands: Sequence[list[str]], timeout: float = PROBE_SECONDS) -> list[ProbeAnswer]:
     """Return the answer of each command; they run at the same time, and none runs on after this returns or raises."""
     stop = Event()
     with ThreadPoolExecutor(len(commands)) as pool:
@@ -66,21 +66,21 @@ def run_probes(commands: Sequence[list[str]], timeout: float = PROBE_SECONDS) ->
             stop.set()  # Ctrl-C raises in this thread alone
 
 
-def _probe(command: list[str], timeout: float, stop: Event) -> Answer:
+def _probe(command: list[str], timeout: float, stop: Event) -> ProbeAnswer:
     """Return the answer of one probe: a line of JSON, the last on its standard output."""
     try:
         facts = json.loads(ask(command, timeout=timeout, stop=stop).splitlines()[-1])
     except ChildTimeoutError as error:
-        return Answer(fault=f"it hangs: {error}", deadly=True)
+        return ProbeAnswer(fault=f"it hangs: {error}", crashed=True)
     except (ChildProcessError, ChildStoppedError) as error:
-        return Answer(fault=str(error), deadly=True)
+        return ProbeAnswer(fault=str(error), crashed=True)
     except (ValueError, IndexError):
-        return Answer(fault="it ended without an answer", deadly=True)
+        return ProbeAnswer(fault="it ended without an answer", crashed=True)
     fault = facts.get("fault", "")
-    return Answer({} if fault else facts, fault)
+    return ProbeAnswer({} if fault else facts, fault)
 
 
-def _child(*request: str) -> list[str]:
+def _probe_command(*request: str) -> list[str]:
     return command("aoprecalc.api.probe", *request)
 
 
@@ -235,18 +235,18 @@ def doctor(*, progress: Progress | None = None) -> DoctorReport:
     )
 
 
-def _renderers(probes: Found) -> list[tuple[str, str, Answer]]:
+def _renderers(probes: ProbeResults) -> list[tuple[str, str, ProbeAnswer]]:
     """Return (name, backend, answer) of all renderers, in the order in which --backend auto tries them."""
     return [*((candidate.name, "gl", answer) for candidate, answer in probes.opengl), ("Embree", "ray", probes.rays)]
 
 
-def _choose(probes: Found) -> tuple[RendererChoice | None, Answer]:
+def _choose(probes: ProbeResults) -> tuple[RendererChoice | None, ProbeAnswer]:
     """Return what --backend auto takes, and what its probe answered; None where nothing renders.
 
     A bake that comes to a driver that crashes or hangs goes no further, whatever works behind it.
     """
     for name, backend, answer in _renderers(probes):
-        if answer.works or answer.deadly:
+        if answer.works or answer.crashed:
             why = _WHY[backend] if answer.works else f"a bake tries it and gets no further ({answer.fault})"
             return RendererChoice(name, backend, why), answer
     return None, probes.rays
@@ -257,7 +257,7 @@ def _run_self_test() -> SelfTestResult:
     return SelfTestResult(**{"passed": False, **answer.facts, "fault": answer.fault or None})
 
 
-def _install_hints(probes: Found, extras: dict[str, dict[str, str | None]]) -> list[InstallHint]:
+def _install_hints(probes: ProbeResults, extras: dict[str, dict[str, str | None]]) -> list[InstallHint]:
     hints = []
     if not any(answer.works for _, answer in probes.opengl):
         hints.append(InstallHint(_OPENGL, "to bake by depth maps, which is faster than by rays", INSTALLS.copy()))

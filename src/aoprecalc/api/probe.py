@@ -1,11 +1,11 @@
-"""Tries one renderer in a process of its own: `python -m aoprecalc.api.probe egl 0`, `osmesa`, `count` or `rays`.
+"""Probe one renderer in its own process: `python -m aoprecalc.api.probe egl 0`, `osmesa`, `count` or `rays`.
 
-A broken driver may crash the process that tries it, or hang it; the parent goes on. The answer is one line of JSON on
-standard output:
+A broken driver may crash or hang this process, but not its parent. The answer is one line of JSON on standard output:
 
-count     devices: the number of EGL devices
-others    renderer, vendor, version, software (it has no GPU), max_texture_size; for rays the first, third and fourth
-either    fault, and nothing else, where it does not work
+count         devices: the number of EGL devices
+egl, osmesa   renderer, vendor, version, software (runs on the processor), max_texture_size
+rays          renderer, version, software
+any           fault, and nothing else, if it does not work
 """
 
 import faulthandler
@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.gl.context import VERSION, Candidate, count_devices, make_context
+from aoprecalc.subprocesses import end_with_parent
 from aoprecalc.visibility.rays import RayCaster, embreex_problem
 
-_LONGEST = 120  # seconds after which it ends itself, should the parent have died
-# What glcontext's reasons mean, the first that fits.
+_MAX_SECONDS = 120  # after which the process ends itself, where it does not end with its parent
+# Explanations of glcontext's errors, by a part of their text; the first match counts.
 _MEANINGS = {
     "libEGL": "EGL is not installed",
     "libGL": "libGL is not installed",
@@ -44,13 +45,13 @@ def probe(request: list[str]) -> dict[str, Any]:
 
 
 def explain(reason: str) -> str:
-    """Put what a reason means before it, where that is known."""
+    """Return a reason with its explanation before it, if there is one."""
     meaning = next((meaning for word, meaning in _MEANINGS.items() if word in reason), None)
     return f"{meaning} ({reason})" if meaning else reason
 
 
 def is_software(renderer: str) -> bool:
-    """Tell from its GL_RENDERER whether a renderer runs on the processor."""
+    """Tell from GL_RENDERER whether a renderer runs on the processor."""
     return any(name in renderer.lower() for name in _SOFTWARE)
 
 
@@ -68,7 +69,7 @@ def _describe(candidate: Candidate) -> dict[str, Any]:
 
 
 def probe_rays() -> dict[str, Any]:
-    """Cast one ray at a triangle and one beside it."""
+    """Trace one ray that hits a triangle and one that misses it."""
     fault = embreex_problem()
     if fault is not None:
         return {"fault": fault}
@@ -76,10 +77,11 @@ def probe_rays() -> dict[str, Any]:
     origins = np.array([(0, 0, -1), (9, 0, -1)], np.float32)
     hidden = RayCaster(triangle, threads=1).occluded(origins, np.array([(0, 0, 1)], np.float32))
     if hidden.tolist() != [True, False]:
-        return {"fault": "embreex does not find a triangle where there is one; install it again"}
+        return {"fault": "embreex does not hit a triangle that is in the way of the ray; install it again"}
     return {"renderer": "Embree", "version": version("embreex"), "software": True}
 
 
 if __name__ == "__main__":
-    faulthandler.dump_traceback_later(_LONGEST, exit=True)
+    end_with_parent()
+    faulthandler.dump_traceback_later(_MAX_SECONDS, exit=True)
     print(json.dumps(probe(sys.argv[1:])))

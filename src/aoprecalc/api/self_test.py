@@ -16,6 +16,7 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import Backend, BakeOptions
+from aoprecalc.subprocesses import end_with_parent
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Float64Array, Part, Scene
 
@@ -91,6 +92,7 @@ def open_box() -> tuple[Scene, Float64Array]:
 
 def main() -> None:
     """Run the test and print its result."""
+    end_with_parent()
     try:
         answer = run_self_test()
     except AoprecalcError as error:

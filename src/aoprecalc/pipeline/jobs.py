@@ -201,20 +201,21 @@ def run_job(
     """
     try:
         with open_visibility(job) as make_visibility:
-            return _make(job, JobProgress(on_stage), make_visibility)
+            return _run(job, JobProgress(on_stage), make_visibility)
     except AoprecalcError as error:
         kind: FailureKind = "crash" if isinstance(error, KilledError) else "error"
-        return Failure(kind, _shown(job, str(error)), error.exit_code)
+        return Failure(kind, _with_user_paths(job, job.label, str(error)), error.exit_code)
     except MemoryError:
         return Failure("error", f"{job.label}: out of memory; use a smaller size or fewer --jobs")
     except OSError as error:
-        return Failure("error", f"{job.label}: reading or writing failed ({_shown(job, str(error))}); check the disk")
+        reason = _with_user_paths(job, job.label, str(error))
+        return Failure("error", f"{job.label}: reading or writing failed ({reason}); check the disk")
     except Exception as error:
-        said = _shown(job, f"{type(error).__name__}: {error}")
-        return Failure("error", f"{job.label}: {said}; this is a fault of aoprecalc", details=traceback.format_exc())
+        reason = _with_user_paths(job, job.label, f"{type(error).__name__}: {error}")
+        return Failure("error", f"{job.label}: {reason}; this is a fault of aoprecalc", details=traceback.format_exc())
 
 
-def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> Success:
+def _run(job: Job, progress: JobProgress, make_visibility: VisibilityFactory) -> Success:
     spec, folder, summary = job.spec, job.folder, dict[str, Any]()
     job.staging.mkdir(parents=True, exist_ok=True)
     with Outputs(job.staging) as outputs:
@@ -228,7 +229,7 @@ def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> S
                 outputs=outputs,
                 make_visibility=make_visibility,
                 options=spec.bake,
-                progress=heard,
+                progress=progress,
             )
             report = _with_relative_paths(job, baked.report)
             write_json(outputs.path(folder / f"{job.stem}_report.json"), report.to_dict())
@@ -239,15 +240,15 @@ def _make(job: Job, heard: JobProgress, make_visibility: VisibilityFactory) -> S
                 folder / f"{job.stem}_spheres{spec.spheres_suffix}",
                 outputs=outputs,
                 options=spec.spheres,
-                progress=heard,
+                progress=progress,
             )
             summary |= {
                 "spheres": len(fitted),
                 "silhouette_iou": round(fitted.quality.silhouette_iou, 4),
             }
-        files = {place.name: written for place, written in outputs.release().items()}
-    lines = [_called(job.mesh.name, job, line) for line in dict.fromkeys(heard.warnings)]
-    return Success(files, {**summary, "warnings": lines})
+        files = {final.name: staged for final, staged in outputs.release().items()}
+    warnings = [_with_user_paths(job, job.mesh.name, line) for line in dict.fromkeys(progress.warnings)]
+    return Success(files, {**summary, "warnings": warnings})
 
 
 def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
@@ -261,7 +262,7 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
             mesh=Path(outputs.mesh or "").name,
             others=tuple(Path(other).name for other in outputs.others),
         ),
-        warnings=tuple(_called(job.mesh.name, job, line) for line in report.warnings),
+        warnings=tuple(_with_user_paths(job, job.mesh.name, line) for line in report.warnings),
     )
 
 
@@ -277,14 +278,12 @@ def _summarise(report: BakeReport) -> dict[str, Any]:
     }
 
 
-def _shown(job: Job, text: str) -> str:
-    """Return a message with the paths that the user knows."""
-    return _called(job.label, job, text)
+def _with_user_paths(job: Job, mesh_name: str, text: str) -> str:
+    """Return a message, on one line, with the absolute paths of a job replaced by paths that the user knows.
 
-
-def _called(name: str, job: Job, text: str) -> str:
-    """Return a message with another name for the mesh, one alike for what lies beside it, and no folder for results."""
-    parent = os.path.dirname(name)
+    mesh_name   replaces the path of the mesh; files beside the mesh get its folder, outputs get none
+    """
+    parent = os.path.dirname(mesh_name)
     beside = f"{parent}/" if parent else ""
-    plain = text.replace(f"{job.folder}/", "").replace(str(job.mesh), name).replace(f"{job.mesh.parent}/", beside)
-    return " ".join(plain.split())
+    text = text.replace(f"{job.folder}/", "").replace(str(job.mesh), mesh_name).replace(f"{job.mesh.parent}/", beside)
+    return " ".join(text.split())
