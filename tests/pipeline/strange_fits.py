@@ -14,7 +14,7 @@ SIGNALS = {"killed": signal.SIGKILL, "crashed": signal.SIGSEGV}
 
 
 def strange(fit):
-    def fit_spheres(mesh, *given, **options):
+    def fit_spheres_file(mesh, *given, **options):
         name = Path(mesh).stem
         with Path(f"{mesh}.tries").open("a") as tries:
             tries.write("I")
@@ -36,10 +36,10 @@ def strange(fit):
             time.sleep(600)
         return fit(mesh, *given, **options)
 
-    return fit_spheres
+    return fit_spheres_file
 
 
 if "aoprecalc.pipeline.worker" in sys.orig_argv:
     from aoprecalc.pipeline import jobs
 
-    jobs.fit_spheres = strange(jobs.fit_spheres)
+    jobs.fit_spheres_file = strange(jobs.fit_spheres_file)
