@@ -1,8 +1,8 @@
-"""How right textures are as rendered, and what it costs: the table of the README.
+"""Errors of textures as rendered, and the time of baking them: the table of the README.
 
     python benchmarks/fidelity.py [--blender PYTHON] [--only NAME ...] [--readme]
 
-Bakes the meshes of ../shared/meshes that are there (else a torus made here) with both backends and, if an interpreter
+Bakes the meshes of ../shared/meshes that exist (else a generated torus) with both backends and, if an interpreter
 that has `bpy` is named, with Blender's Cycles, smooth and flat; measures every texture with `aoprecalc verify`; writes
 benchmarks/results/fidelity.json, in which a run with --only replaces only its own rows, and with --readme the table
 between the marks in README.md.
@@ -44,7 +44,7 @@ CYCLES_SAMPLES = 64
 
 
 def main() -> None:
-    """Measure what is asked for, print a line each, and write the results."""
+    """Measure the selected rows, print a line for each, and write the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blender", metavar="PYTHON", help="an interpreter that has bpy")
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="meshes, or mesh/shading/tool")
@@ -52,7 +52,7 @@ def main() -> None:
     given = parser.parse_args()
     rows = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
     with tempfile.TemporaryDirectory() as folder:
-        for name, path, size, shading, tools in CASES if MESHES.exists() else [made(Path(folder))]:
+        for name, path, size, shading, tools in CASES if MESHES.exists() else [generated(Path(folder))]:
             for tool in tools:
                 key = f"{name}/{shading}/{tool}"
                 if given.only and not any(key == only or name == only for only in given.only):
@@ -78,8 +78,8 @@ def write(rows: list[dict[str, object]]) -> None:
     RESULTS.write_text(json.dumps({"rows": rows}, indent=2) + "\n")
 
 
-def made(folder: Path) -> tuple[str, Path, int, str, tuple[str, ...]]:
-    """Make a mesh where there is none to measure."""
+def generated(folder: Path) -> tuple[str, Path, int, str, tuple[str, ...]]:
+    """Generate a mesh as a stand-in for missing ones."""
     path = folder / "torus.ply"
     trimesh.creation.torus(1.0, 0.4, major_sections=96, minor_sections=48).export(path)
     return "torus", path, 1024, "smooth", ("gl", "ray")
@@ -89,54 +89,54 @@ def measure(
     name: str, mesh: Path, size: int, shading: str, tool: str, blender: str | None, folder: Path
 ) -> dict[str, object]:
     """Bake with one tool and return its row."""
-    place = folder / f"{name}-{shading}"
-    place.mkdir(exist_ok=True)
+    work = folder / f"{name}-{shading}"
+    work.mkdir(exist_ok=True)
     normals = "flat" if shading == "flat" else "auto"
     backend = "gl" if tool == "cycles" else tool
-    done = list(place.glob("*_ao.obj")) + list(place.glob("*_ao.ply"))
+    done = list(work.glob("*_ao.obj")) + list(work.glob("*_ao.ply"))
     if tool != "cycles" or not done:
-        words = ["bake", mesh, "-o", f"{place}/", "--size", size, "--normals", normals, "--backend", backend, "--json"]
+        words = ["bake", mesh, "-o", f"{work}/", "--size", size, "--normals", normals, "--backend", backend, "--json"]
         start = time.perf_counter()
         report = json.loads(aoprecalc(*words))
         row = {"seconds": time.perf_counter() - start, "directions": report["directions"]}
-    baked = next(iter([*place.glob("*_ao.obj"), *place.glob("*_ao.ply")]))
+    baked = next(iter([*work.glob("*_ao.obj"), *work.glob("*_ao.ply")]))
     texture = baked.with_suffix(".png")
     label = f"aoprecalc, {tool}"
     if tool == "cycles":
-        texture = place / "cycles.exr"
+        texture = work / "cycles.exr"
         script = ROOT / "benchmarks" / "cycles_bake.py"
         words = [blender, script, baked, "-o", texture, "--size", size, "--samples", CYCLES_SAMPLES, "--json"]
-        told = json.loads(run(*words).splitlines()[-1])
-        label, row = f"{told['tool']}, {told['samples']} samples", {"seconds": told["seconds"]}
-    found = json.loads(aoprecalc("verify", baked, "--texture", texture, "--json"))
-    levels = found["levels"]
-    row |= {"key": f"{name}/{shading}/{tool}", "mesh": name, "triangles": found["input"]["triangles"], "size": size}
+        result = json.loads(run(*words).splitlines()[-1])
+        label, row = f"{result['tool']}, {result['samples']} samples", {"seconds": result["seconds"]}
+    verified = json.loads(aoprecalc("verify", baked, "--texture", texture, "--json"))
+    levels = verified["levels"]
+    row |= {"key": f"{name}/{shading}/{tool}", "mesh": name, "triangles": verified["input"]["triangles"], "size": size}
     row |= {"shading": shading, "tool": label, **{key: levels[0][key] for key in levels[0] if key != "level"}}
     row |= {"mip1": levels[1]["rmse"], "mip2": levels[2]["rmse"]}
     if tool == "gl":
-        shutil.copy(texture, place / "gl.png")
+        shutil.copy(texture, work / "gl.png")
     elif tool == "ray":
-        row["apart"] = apart(baked, read_image(texture), read_image(place / "gl.png"))
+        row["apart"] = rms_difference(baked, read_image(texture), read_image(work / "gl.png"))
     if name == "ogre" and AUTHORED.exists():
         row["r"] = correlation(baked, read_image(texture), read_image(AUTHORED))
     return row
 
 
-def apart(mesh: Path, ours: np.ndarray, theirs: np.ndarray) -> float:
+def rms_difference(mesh: Path, ours: np.ndarray, theirs: np.ndarray) -> float:
     """Return the RMS difference of two textures at points uniform on the surface."""
-    return float(np.sqrt(((looked_up(mesh, ours) - looked_up(mesh, theirs)) ** 2).mean()))
+    return float(np.sqrt(((sample_texture(mesh, ours) - sample_texture(mesh, theirs)) ** 2).mean()))
 
 
 def correlation(mesh: Path, ours: np.ndarray, theirs: np.ndarray) -> float:
     """Return Pearson's r of two textures at points uniform on the surface."""
-    return float(np.corrcoef(looked_up(mesh, ours), looked_up(mesh, theirs))[0, 1])
+    return float(np.corrcoef(sample_texture(mesh, ours), sample_texture(mesh, theirs))[0, 1])
 
 
-def looked_up(mesh: Path, picture: np.ndarray) -> np.ndarray:
-    """Return what a picture holds at points uniform on the surface."""
+def sample_texture(mesh: Path, texture: np.ndarray) -> np.ndarray:
+    """Look a texture up at points uniform on the surface."""
     scene = load_scene(mesh)
     points = sample_surface(scene, np.ones(len(scene.faces), bool), 20_000, 0)
-    return bilinear(picture, points.interpolate(scene.uvs), repeats=False)
+    return bilinear(texture, points.interpolate(scene.uvs), repeats=False)
 
 
 def table(rows: list[dict[str, object]]) -> str:

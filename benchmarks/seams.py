@@ -1,9 +1,9 @@
-"""What seams cost in coarse mip levels: the error of a texture's levels beside that of a seam-free ideal.
+"""Errors in coarse mip levels caused by chart seams: the errors of a texture's levels and of a seam-free ideal.
 
     python benchmarks/seams.py MESH_WITH_AO ...
 
-The ideal is ray tracing at the centre of every texel, box-filtered over the texels of the looked-up point's own chart
-alone, so that neither gutters nor other charts get into it. What is left of its error is resolution.
+The ideal is ray tracing at the centre of every texel, box-filtered over the texels of the point's own chart only, so
+that neither gutters nor other charts contribute. Its remaining error is due to the resolution.
 """
 
 import json
@@ -25,7 +25,7 @@ from aoprecalc.raster.layout import build_layout, corner_ids
 from aoprecalc.types import Atlas
 
 LEVELS = 3
-TEXEL_RAYS = 256  # many texels are averaged, so that few rays do
+TEXEL_RAYS = 256  # few are enough, as many texels are averaged
 
 
 def main() -> None:
@@ -42,51 +42,51 @@ def main() -> None:
 def compare(path: Path) -> list[dict[str, object]]:
     """Return a row for each level of one mesh's texture."""
     scene = load_scene(path)
-    found = find_occlusion(scene)
+    occlusion = find_occlusion(scene)
     mapped = face_normals(scene.corners)[1]
     normals = shading_normals(scene)
     points = sample_surface(scene, mapped, 20_000, 0)
-    truth = reference_ao(scene, normals, points, VerifyOptions(), Progress())
-    places = points.interpolate(found.uvs)
-    errors = errors_per_mip_level(found.values, places, truth, repeats=False, levels=LEVELS)
+    reference = reference_ao(scene, normals, points, VerifyOptions(), Progress())
+    point_uvs = points.interpolate(occlusion.uvs)
+    errors = errors_per_mip_level(occlusion.values, point_uvs, reference, repeats=False, levels=LEVELS)
 
     charts = np.full(len(scene.faces), -1)
-    charts[mapped] = face_components(corner_ids(scene.faces[mapped], found.uvs[mapped]))
-    height, width = found.values.shape
-    raster = CPURasterizer(build_layout(scene, Atlas("keep", found.uvs, mapped, 0), width, height))
+    charts[mapped] = face_components(corner_ids(scene.faces[mapped], occlusion.uvs[mapped]))
+    height, width = occlusion.values.shape
+    raster = CPURasterizer(build_layout(scene, Atlas("keep", occlusion.uvs, mapped, 0), width, height))
     texels = raster.coverage()
     samples = raster.samples(texels, (0.5, 0.5))
-    there = samples.faces >= 0
-    index, faces = texels.index[there], samples.faces[there]
-    at_texels = SurfacePoints(faces, samples.weights[there].astype(float))
-    values = reference_ao(scene, normals, at_texels, VerifyOptions(rays=TEXEL_RAYS), Progress())
+    covered = samples.faces >= 0
+    index, faces = texels.index[covered], samples.faces[covered]
+    texel_centers = SurfacePoints(faces, samples.weights[covered].astype(float))
+    values = reference_ao(scene, normals, texel_centers, VerifyOptions(rays=TEXEL_RAYS), Progress())
     rows = []
     for level, error in enumerate(errors):
         size = (width >> level, height >> level)
-        ideal = look_up(index, values, charts[faces], places, charts[points.faces], size, level, width)
+        ideal = look_up_by_chart(index, values, charts[faces], point_uvs, charts[points.faces], size, level, width)
         rows.append(
-            {"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": error_statistics(ideal - truth).rmse}
+            {"mesh": path.name, "level": level, "rmse": error.rmse, "ideal": error_statistics(ideal - reference).rmse}
         )
     return rows
 
 
-def look_up(index, values, texel_charts, places, charts, size, level, width) -> np.ndarray:
-    """Look places up in a mip level that holds, for each chart apart, the mean of its own texels in each box."""
+def look_up_by_chart(index, values, texel_charts, uvs, charts, size, level, width) -> np.ndarray:
+    """Look UVs up in a mip level that has, for each chart, the mean of the chart's own texels in each box."""
     box = (index // width >> level) * size[0] + (index % width >> level)
     keys, inverse = np.unique(texel_charts.astype(np.int64) * size[0] * size[1] + box, return_inverse=True)
     means = np.bincount(inverse, values) / np.bincount(inverse)
-    x, y = places[:, 0] * size[0] - 0.5, (1 - places[:, 1]) * size[1] - 0.5
+    x, y = uvs[:, 0] * size[0] - 0.5, (1 - uvs[:, 1]) * size[1] - 0.5
     column, row = np.floor(x).astype(int), np.floor(y).astype(int)
-    total, weight = np.zeros(len(places)), np.zeros(len(places))
+    total, weight = np.zeros(len(uvs)), np.zeros(len(uvs))
     for right in (0, 1):
         for down in (0, 1):
             share = np.abs(1 - right - (x - column)) * np.abs(1 - down - (y - row))
             cell = np.clip(row + down, 0, size[1] - 1) * size[0] + np.clip(column + right, 0, size[0] - 1)
             key = charts.astype(np.int64) * size[0] * size[1] + cell
             at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
-            found = keys[at] == key
-            total += np.where(found, share * means[at], 0)
-            weight += np.where(found, share, 0)
+            present = keys[at] == key
+            total += np.where(present, share * means[at], 0)
+            weight += np.where(present, share, 0)
     return total / np.maximum(weight, 1e-12)
 
 

@@ -1,16 +1,16 @@
-"""How near spheres come to a mesh, and how fast: every method, beside scikit-learn's KMeans and MorphIt.
+"""Quality and speed of the sphere methods, compared with scikit-learn's KMeans and MorphIt.
 
     python benchmarks/spheres.py [--peers PYTHON] [--only NAME ...] [--readme]
 
-Measures the meshes of ../shared/meshes that are there, or else a torus made here, in four parts:
+Measures the meshes of ../shared/meshes that exist, or else a generated torus, in four parts:
 
 quality     silhouettes, surface error and seconds of each method, with 20 to 200 spheres
-kmeans      Lloyd's iteration beside scikit-learn's, on the same samples from the same start to the same fixed point
-scale       method shadow on the same mesh a thousand times as small and as large
-collision   share of fresh samples that the spheres of method collision hold, beside Lloyd's with --radius cover
+kmeans      Lloyd's algorithm and scikit-learn's, on the same samples from the same centres to the same fixed point
+scale       method shadow on the same mesh, scaled by 0.001 and by 1000
+collision   fraction of new samples in the spheres of method collision, and of lloyd with --radius cover
 
-Seconds are of all that `fit` does after reading the mesh: samples, spheres and measuring them; of MorphIt, of its
-`pack`; of kmeans, the medians of three runs of the iteration alone. PYTHON has morphit-rs
+Seconds cover all of `fit_sphere_set`: sampling, fitting and measuring; for MorphIt, its `pack`; for kmeans, medians of
+three runs of the iteration alone. PYTHON has morphit-rs
 (benchmarks/requirements.txt). MorphIt's steps are in units of length: it gets each mesh at its own size and with a
 longest side of 0.2 and of 2, and the best of the three counts. A peer that is missing is a line that says so.
 
@@ -62,8 +62,8 @@ MEASURES = ("silhouette_iou", "silhouette_iou_min", "leak", "spill", "surface_er
 USUAL = 100  # spheres, where only one number of them is measured or told
 SCALES = (1.0, 1e-3, 1e3)
 SIZES = (None, 0.2, 2.0)  # longest sides at which MorphIt gets a mesh; None: its own
-FRESH, FRESH_SEED = 50_000, 12_345  # samples that no fit has seen
-NEAR = 0.001  # of the diagonal: a sample as near to a sphere is held
+FRESH, FRESH_SEED = 50_000, 12_345  # samples that no fit uses
+NEAR = 0.001  # of the diagonal: a sample this close to a sphere counts as contained
 
 MORPHIT = """
 import json, sys, time
@@ -79,7 +79,7 @@ print(json.dumps({"seconds": seconds, "centers": found.centers.tolist(), "radii"
 
 
 def main() -> None:
-    """Measure what is asked for, print a line each, and write results and tables."""
+    """Measure the selected rows, print a line for each, and write results and tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--peers", metavar="PYTHON", help="an interpreter that has morphit-rs")
     parser.add_argument(
@@ -111,13 +111,13 @@ def main() -> None:
 
 
 class PeerMissing(Exception):  # noqa: N818
-    """Another tool is not there, or failed; the message says which and why."""
+    """Another tool is missing or failed; the message says which and why."""
 
 
 def plan(peers: str | None) -> list[tuple[str, str, Path | None, Callable[[Scene], Row]]]:
     """Return a key, a mesh and its file (None: made here), and the work, for every row, in the order of the tables."""
-    there = [(name, MESHES / path, counts) for name, path, counts in CASES if (MESHES / path).exists()]
-    cases = there or [("torus", None, (USUAL,))]
+    existing = [(name, MESHES / path, counts) for name, path, counts in CASES if (MESHES / path).exists()]
+    cases = existing or [("torus", None, (USUAL,))]
     rows: list[tuple[str, str, Path | None, Callable[[Scene], Row]]] = []
     for name, path, counts in cases:
         for count in counts:
@@ -125,7 +125,7 @@ def plan(peers: str | None) -> list[tuple[str, str, Path | None, Callable[[Scene
                 options = SphereOptions(spheres=count, method="lloyd" if method == "MorphIt-B" else method)
 
                 def work(scene: Scene, options: SphereOptions = options, method: str = method) -> Row:
-                    return morphit(scene, options, peers) if method == "MorphIt-B" else quality(scene, options)
+                    return morphit(scene, options, peers) if method == "MorphIt-B" else measure_method(scene, options)
 
                 rows.append((f"quality/{name}/{count}/{method}", name, path, work))
     rows += [(f"kmeans/{name}", name, path, kmeans) for name, path, _ in cases]
@@ -136,13 +136,13 @@ def plan(peers: str | None) -> list[tuple[str, str, Path | None, Callable[[Scene
     return rows
 
 
-def quality(scene: Scene, options: SphereOptions) -> Row:
+def measure_method(scene: Scene, options: SphereOptions) -> Row:
     """Fit by one of our methods."""
     start = perf_counter()
-    spheres, found = fit_sphere_set(scene, options, Progress())
+    spheres, measured = fit_sphere_set(scene, options, Progress())
     seconds = perf_counter() - start
     row: Row = {"spheres": options.spheres, "made": len(spheres), "method": options.method, "seconds": seconds}
-    return row | {what: found[what] for what in MEASURES}
+    return row | {what: measured[what] for what in MEASURES}
 
 
 def morphit(scene: Scene, options: SphereOptions, peers: str | None) -> Row:
@@ -162,17 +162,17 @@ def morphit(scene: Scene, options: SphereOptions, peers: str | None) -> Row:
                 raise PeerMissing(str(error)) from error
             if done.returncode:
                 raise PeerMissing((done.stderr.strip().splitlines() or ["failed"])[-1])
-            told = json.loads(done.stdout.splitlines()[-1])
-            centers, radii = np.array(told["centers"]).reshape(-1, 3) / scale, np.array(told["radii"]) / scale
-            found = measure_quality(scene, centers, radii, options, Progress())
+            result = json.loads(done.stdout.splitlines()[-1])
+            centers, radii = np.array(result["centers"]).reshape(-1, 3) / scale, np.array(result["radii"]) / scale
+            measured = measure_quality(scene, centers, radii, options, Progress())
             row: Row = {"spheres": options.spheres, "made": len(radii), "method": "MorphIt-B"}
-            row |= {"longest_side": size, "seconds": told["seconds"]}
-            rows.append(row | {what: found[what] for what in MEASURES})
+            row |= {"longest_side": size, "seconds": result["seconds"]}
+            rows.append(row | {what: measured[what] for what in MEASURES})
     return max(rows, key=lambda row: row["silhouette_iou"])
 
 
 def kmeans(scene: Scene) -> Row:
-    """Run Lloyd's iteration and scikit-learn's in turn, three times each."""
+    """Run Lloyd's algorithm and scikit-learn's alternately, three times each."""
     try:
         from sklearn.cluster import KMeans
     except ModuleNotFoundError as error:
@@ -180,36 +180,32 @@ def kmeans(scene: Scene) -> Row:
     options = SphereOptions(spheres=USUAL)
     frame = NormalizedFrame.from_positions(scene.positions)
     points = sample_points(scene, frame, options.samples, USUAL, np.random.default_rng(options.seed))
-    start, most = points[:USUAL], options.max_iterations
-    theirs_at = KMeans(USUAL, init=start, n_init=1, tol=0, max_iter=most, algorithm="lloyd")
+    initial, max_iterations = points[:USUAL], options.max_iterations
+    estimator = KMeans(USUAL, init=initial, n_init=1, tol=0, max_iter=max_iterations, algorithm="lloyd")
     seconds = []
     for _ in range(3):
-        began = perf_counter()
-        ours = lloyd(points, start, most, Progress())
+        start = perf_counter()
+        ours = lloyd(points, initial, max_iterations, Progress())
         between = perf_counter()
-        theirs = theirs_at.fit(points)
-        seconds.append((between - began, perf_counter() - between))
+        theirs = estimator.fit(points)
+        seconds.append((between - start, perf_counter() - between))
     our_seconds, their_seconds = (median(column) for column in zip(*seconds, strict=True))
     inertia = float(np.square(ours.distances).sum())
     row: Row = {"spheres": USUAL, "seconds": our_seconds, "their_seconds": their_seconds}
-    row |= {
-        "ratio": their_seconds / our_seconds,
-        "iterations": ours.iterations,
-        "their_iterations": int(theirs.n_iter_),
-    }
+    row |= {"ratio": their_seconds / our_seconds, "iterations": ours.iterations}
     row |= {"their_iterations": int(theirs.n_iter_)}
-    apart = float(np.abs(theirs.cluster_centers_ - ours.centers).max())
-    return row | {"inertia": inertia, "their_inertia": float(theirs.inertia_), "centers_apart": apart}
+    distance = float(np.abs(theirs.cluster_centers_ - ours.centers).max())
+    return row | {"inertia": inertia, "their_inertia": float(theirs.inertia_), "centers_apart": distance}
 
 
 def scaled(scene: Scene, scale: float) -> Row:
     """Fit by method shadow to a mesh `scale` times as large."""
     larger = replace(scene, positions=scene.positions * scale)
-    return {"scale": scale} | quality(larger, SphereOptions(spheres=USUAL, method="shadow"))
+    return {"scale": scale} | measure_method(larger, SphereOptions(spheres=USUAL, method="shadow"))
 
 
 def collision(scene: Scene) -> Row:
-    """See what share of fresh samples the spheres hold, and what they spill, beside Lloyd's with radius cover."""
+    """Measure the fraction of new samples in the spheres, and the spill: collision, and lloyd with radius cover."""
     frame = NormalizedFrame.from_positions(scene.positions)
     fresh = sample_points(scene, frame, FRESH, 1, np.random.default_rng(FRESH_SEED))
     row: Row = {"spheres": USUAL}
@@ -217,15 +213,15 @@ def collision(scene: Scene) -> Row:
         ("", SphereOptions(spheres=USUAL, method="collision")),
         ("cover_", SphereOptions(spheres=USUAL, radius="cover")),
     ):
-        spheres, found = fit_sphere_set(scene, options, Progress())
-        beyond = signed_distances(fresh, frame.to_normalized(spheres.centers), spheres.radii / frame.scale)
-        row |= {f"{prefix}held": float((beyond <= NEAR * frame.diagonal).mean())}
-        row |= {f"{prefix}spill": found["spill"], f"{prefix}silhouette_iou": found["silhouette_iou"]}
+        spheres, quality = fit_sphere_set(scene, options, Progress())
+        signed = signed_distances(fresh, frame.to_normalized(spheres.centers), spheres.radii / frame.scale)
+        row |= {f"{prefix}held": float((signed <= NEAR * frame.diagonal).mean())}
+        row |= {f"{prefix}spill": quality["spill"], f"{prefix}silhouette_iou": quality["silhouette_iou"]}
     return row
 
 
 def torus() -> Scene:
-    """Make a mesh where there is none to measure."""
+    """Generate a mesh as a stand-in for missing ones."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "torus.ply"
         trimesh.creation.torus(1.0, 0.4, major_sections=96, minor_sections=48).export(path)
@@ -233,7 +229,7 @@ def torus() -> Scene:
 
 
 def write(row: Row) -> None:
-    """Put a row in the place of the old one, in the order of the plan."""
+    """Replace the row with the same key, in the order of the plan."""
     rows = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
     rows = [old for old in rows if old["key"] != row["key"]] + [row]
     order = {key: place for place, (key, *_) in enumerate(plan(None))}
@@ -244,12 +240,17 @@ def write(row: Row) -> None:
 
 
 def tables(rows: list[Row]) -> list[str]:
-    """Lay the rows out in Markdown: quality, silhouettes by number of spheres, Lloyd's speed, what collision holds."""
+    """Format the rows as Markdown tables: quality, silhouettes by count, speed of Lloyd's algorithm, containment."""
     parts = {part: [row for row in rows if row["key"].split("/")[0] == part] for part in ("quality", "kmeans")}
     parts["collision"] = [row for row in rows if row["key"].startswith("collision/")]
-    return [*qualities(parts["quality"]), "", *by_number(parts["quality"]), "", *speeds(parts["kmeans"]), ""] + holds(
-        parts["collision"]
-    )
+    return [
+        *qualities(parts["quality"]),
+        "",
+        *by_number(parts["quality"]),
+        "",
+        *speeds(parts["kmeans"]),
+        "",
+    ] + containment(parts["collision"])
 
 
 def qualities(rows: list[Row]) -> list[str]:
@@ -290,7 +291,7 @@ def speeds(rows: list[Row]) -> list[str]:
     return lines
 
 
-def holds(rows: list[Row]) -> list[str]:
+def containment(rows: list[Row]) -> list[str]:
     """Lay out what collision spheres hold, and spill, beside Lloyd's with radius cover."""
     lines = [
         "| fresh samples held to 0.1% of the diagonal | collision | lloyd, cover | spill: collision | lloyd, cover |",

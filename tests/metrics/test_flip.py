@@ -1,7 +1,8 @@
-"""FLIP gives what the paper's authors' own program gives, and what can be worked out by hand."""
+"""FLIP agrees with the authors' program, and with values computed by hand."""
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from aoprecalc.metrics.flip import flip
 
@@ -27,29 +28,45 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize("case", PAIRS)
-def test_the_authors_program_finds_the_same(case):
+def test_values_of_the_authors_program(case):
     first, second = PAIRS[case]
-    for pixels, (mean, most) in EXPECTED[case].items():
+    for pixels, (mean, maximum) in EXPECTED[case].items():
         found = flip(np.float32(first), np.float32(second), pixels)
         assert found.mean() == pytest.approx(mean, abs=5e-5)
-        assert found.max() == pytest.approx(most, abs=5e-4)
+        assert found.max() == pytest.approx(maximum, abs=5e-4)
+
+
+def reference_flip(first, second, pixels_per_degree):
+    """FLIP of grey pictures by the authors' program."""
+    import flip_evaluator as evaluator
+
+    pictures = [np.repeat(np.float32(picture)[:, :, None], 3, axis=2) for picture in (first, second)]
+    parameters = {"ppd": float(pixels_per_degree)}
+    return evaluator.evaluate(*pictures, "LDR", inputsRGB=False, applyMagma=False, parameters=parameters)[0][:, :, 0]
 
 
 @pytest.mark.parametrize("case", PAIRS)
 def test_beside_the_authors_program(case):
-    import flip_evaluator as evaluator
-
-    pictures = [np.repeat(np.float32(picture)[:, :, None], 3, axis=2) for picture in PAIRS[case]]
-    theirs = evaluator.evaluate(*pictures, "LDR", inputsRGB=False, applyMagma=False, parameters={"ppd": 67.0})[0]
-    assert np.abs(flip(*(np.float32(picture) for picture in PAIRS[case])) - theirs[:, :, 0]).max() < 5e-4
+    first, second = (np.float32(picture) for picture in PAIRS[case])
+    assert np.abs(flip(first, second) - reference_flip(first, second, 67)).max() < 5e-4
 
 
-def test_the_same_picture_is_not_seen_to_differ():
+@pytest.mark.parametrize("pixels_per_degree", [30, 67])
+@pytest.mark.parametrize("shape", [(60, 80), (5, 9), (700, 24)], ids=["usual", "tiny", "higher than a chunk"])
+@pytest.mark.parametrize("blur", [0.0, 1.5])
+def test_random_pictures_beside_the_authors_program(blur, shape, pixels_per_degree):
+    rng = np.random.default_rng([*shape, pixels_per_degree])
+    first, second = (gaussian_filter(rng.random(shape, np.float32), blur) for _ in range(2))
+    expected = reference_flip(first, second, pixels_per_degree)
+    assert np.abs(flip(first, second, pixels_per_degree) - expected).max() < 2e-4
+
+
+def test_equal_pictures_have_no_difference():
     assert not flip(np.float32(WAVES), np.float32(WAVES)).any()
 
 
 @pytest.mark.parametrize("case", PAIRS)
-def test_the_order_does_not_matter_and_values_are_shares(case):
+def test_symmetric_and_between_0_and_1(case):
     first, second = (np.float32(picture) for picture in PAIRS[case])
     found = flip(first, second)
     np.testing.assert_array_equal(found, flip(second, first))
@@ -79,7 +96,7 @@ def largest():
 
 
 @pytest.mark.parametrize(("lightness", "beyond"), [(100, True), (50, False)])
-def test_even_greys_are_apart_as_the_formula_says(lightness, beyond):
+def test_uniform_greys_have_the_difference_of_the_formula(lightness, beyond):
     grey = ((lightness + 16) / 116) ** 3  # linear light of that CIE lightness, against black
     power, most = lightness**0.7, largest()
     below, above = 0.95 * power / (0.4 * most), 0.95 + 0.05 * (power - 0.4 * most) / (0.6 * most)
@@ -87,12 +104,12 @@ def test_even_greys_are_apart_as_the_formula_says(lightness, beyond):
     assert found == pytest.approx(np.full((30, 40), above if beyond else below), abs=1e-5)
 
 
-def test_what_lies_outside_counts_as_the_nearest_end():
+def test_values_are_clamped_to_0_and_1():
     wild = np.float32(WAVES * 4 - 1)
     np.testing.assert_array_equal(flip(wild, np.float32(CORNER)), flip(wild.clip(0, 1), np.float32(CORNER)))
 
 
-def test_a_tall_picture_is_what_its_parts_are():
+def test_a_tall_picture_equals_its_parts():
     rng = np.random.default_rng(0)
     first, second = rng.random((2, 1300, 24), dtype=np.float32)
     whole = flip(first, second)
