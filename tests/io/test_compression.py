@@ -10,8 +10,8 @@ import pytest
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.gltf import compression
-from aoprecalc.io.formats.gltf.compression import decompressed
-from aoprecalc.io.formats.gltf.document import GltfDocument, doubles, numbers, view_bytes
+from aoprecalc.io.formats.gltf.compression import decompress
+from aoprecalc.io.formats.gltf.document import GltfDocument, float_values, raw_values, view_bytes
 
 DRACO, EXT, KHR = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"
 
@@ -74,7 +74,7 @@ def primitive_of(document, mesh=0):
 
 def refused(document, said):
     with pytest.raises(InputError) as failure:
-        decompressed(document)
+        decompress(document)
     message = str(failure.value)
     assert message.startswith("made.glb: ")
     assert said in message
@@ -90,7 +90,7 @@ def test_a_plain_document_is_returned_as_it_is(gltf_cube):
     gltf, primitive = gltf_cube
     gltf.mesh(primitive)
     document = close(gltf)
-    assert decompressed(document) is document
+    assert decompress(document) is document
 
 
 def test_names_that_are_only_listed_are_dropped(gltf_cube):
@@ -98,7 +98,7 @@ def test_names_that_are_only_listed_are_dropped(gltf_cube):
     gltf.mesh(primitive)
     gltf.json |= {"extensionsUsed": ["KHR_texture_transform", EXT, DRACO], "extensionsRequired": [EXT]}
     document = close(gltf)
-    plain = decompressed(document)
+    plain = decompress(document)
     assert plain.json["extensionsUsed"] == ["KHR_texture_transform"]
     assert "extensionsRequired" not in plain.json
     assert plain.buffers == document.buffers
@@ -143,16 +143,16 @@ def test_draco_gives_back_every_kind_of_attribute(gltf, dracopy):
     require(gltf, DRACO)
     document = close(gltf)
     before = deepcopy(document.json)
-    plain = decompressed(document)
+    plain = decompress(document)
 
     assert document.json == before
     primitive = primitive_of(plain)
     assert primitive == {"attributes": attributes, "indices": len(attributes), "material": 3}
     for name, array in values.items():
-        found = numbers(plain, attributes[name])
+        found = raw_values(plain, attributes[name])
         assert found.dtype == array.dtype
         assert np.array_equal(found, array.reshape(COUNT, -1)), name
-    assert np.array_equal(numbers(plain, primitive["indices"]).reshape(-1, 3), TRIANGLES)
+    assert np.array_equal(raw_values(plain, primitive["indices"]).reshape(-1, 3), TRIANGLES)
     assert plain.json["accessors"][extra] == before["accessors"][extra]
     for key in ("componentType", "count", "type", "normalized"):
         kept = [entry.get(key) for entry in plain.json["accessors"]]
@@ -176,11 +176,11 @@ def test_draco_with_quantised_numbers_and_an_order_of_its_own(gltf, dracopy):
     bounds = {"min": POINTS.min(axis=0).tolist(), "max": POINTS.max(axis=0).tolist()}
     attributes = {"POSITION": promise(gltf, POINTS, **bounds)}
     add_draco(gltf, stream, {"POSITION": 0}, attributes, promise(gltf, TRIANGLES.reshape(-1)))
-    plain = decompressed(close(gltf))
-    points = numbers(plain, attributes["POSITION"])
+    plain = decompress(close(gltf))
+    points = raw_values(plain, attributes["POSITION"])
     distances = np.linalg.norm(points[:, None] - POINTS, axis=2)
     assert distances.min(axis=1).max() <= GRID / 2**bits
-    triangles = distances.argmin(axis=1)[numbers(plain, primitive_of(plain)["indices"]).reshape(-1, 3)]
+    triangles = distances.argmin(axis=1)[raw_values(plain, primitive_of(plain)["indices"]).reshape(-1, 3)]
     assert sorted(least_first(triangles)) == sorted(least_first(TRIANGLES))
     # The bounds are those of the decoded numbers.
     accessor = plain.json["accessors"][attributes["POSITION"]]
@@ -193,7 +193,7 @@ def test_draco_signed_integers(gltf, dracopy):
     stream = dracopy.encode(points.astype("i4"), TRIANGLES, preserve_order=True)
     attributes = {"POSITION": promise(gltf, points)}
     add_draco(gltf, stream, {"POSITION": 0}, attributes)
-    assert np.array_equal(numbers(decompressed(close(gltf)), attributes["POSITION"]), points)
+    assert np.array_equal(raw_values(decompress(close(gltf)), attributes["POSITION"]), points)
 
 
 def test_draco_signed_fractions(gltf, dracopy):
@@ -204,9 +204,9 @@ def test_draco_signed_fractions(gltf, dracopy):
     stream = stream.replace(bytes([0, 5, 3, 0]), bytes([0, 3, 3, 1]))
     attributes = {"POSITION": promise(gltf, points, normalized=True)}
     add_draco(gltf, stream, {"POSITION": 0}, attributes)
-    plain = decompressed(close(gltf))
-    assert np.array_equal(numbers(plain, attributes["POSITION"]), points)
-    assert np.allclose(doubles(plain, attributes["POSITION"]), points / 32767)
+    plain = decompress(close(gltf))
+    assert np.array_equal(raw_values(plain, attributes["POSITION"]), points)
+    assert np.allclose(float_values(plain, attributes["POSITION"]), points / 32767)
 
 
 def test_draco_streams_and_accessors_that_are_shared(gltf, dracopy, monkeypatch):
@@ -218,14 +218,14 @@ def test_draco_streams_and_accessors_that_are_shared(gltf, dracopy, monkeypatch)
     first = add_draco(gltf, streams[0], {"POSITION": 0}, {"POSITION": position}, indices)
     add_draco(gltf, first, {"POSITION": 0}, {"POSITION": position}, indices)
     second = add_draco(gltf, streams[1], {"POSITION": 0}, {"POSITION": position}, indices)
-    plain = decompressed(close(gltf))
+    plain = decompress(close(gltf))
 
     assert read == [first, second]
     primitives = [primitive_of(plain, mesh) for mesh in range(3)]
     assert primitives[0] == primitives[1] == {"attributes": {"POSITION": position}, "indices": indices}
     assert primitives[2]["attributes"]["POSITION"] not in (position, indices)
-    assert np.array_equal(numbers(plain, position), POINTS)
-    assert np.array_equal(numbers(plain, primitives[2]["attributes"]["POSITION"]), POINTS + 5)
+    assert np.array_equal(raw_values(plain, position), POINTS)
+    assert np.array_equal(raw_values(plain, primitives[2]["attributes"]["POSITION"]), POINTS + 5)
     assert len(plain.json["bufferViews"]) == 4
 
 
@@ -235,10 +235,10 @@ def test_draco_triangles_that_no_accessor_describes(gltf, dracopy, mode):
     strip = {} if mode is None else {"mode": mode}
     indices = promise(gltf, np.arange(7, dtype="<u2")) if mode == 5 else None
     add_draco(gltf, stream, {"POSITION": 0}, {"POSITION": promise(gltf, POINTS)}, indices, **strip)
-    plain = decompressed(close(gltf))
+    plain = decompress(close(gltf))
     primitive = primitive_of(plain)
     assert primitive.get("mode", 4) == 4
-    assert np.array_equal(numbers(plain, primitive["indices"]).reshape(-1, 3), TRIANGLES)
+    assert np.array_equal(raw_values(plain, primitive["indices"]).reshape(-1, 3), TRIANGLES)
 
 
 @pytest.mark.parametrize(
@@ -293,7 +293,7 @@ def test_mutated_draco_streams_do_no_harm(gltf, dracopy):
 def complaint(document):
     """What is said of a document that cannot be decompressed; None of one that can."""
     try:
-        decompressed(document)
+        decompress(document)
     except InputError as error:
         return str(error)
     return None
@@ -309,7 +309,7 @@ def test_plain_data_beside_draco_are_kept(gltf):
     draco_beside_plain(gltf)
     gltf.json["extensionsUsed"] = [DRACO]
     document = close(gltf)
-    plain = decompressed(document)
+    plain = decompress(document)
     assert primitive_of(plain) == {key: value for key, value in primitive_of(document).items() if key != "extensions"}
     assert plain.json["accessors"] == document.json["accessors"]
     assert plain.buffers == document.buffers
@@ -321,7 +321,7 @@ def test_plain_data_beside_draco_that_is_required(gltf, dracopy, monkeypatch):
     document = close(gltf)
     refused(document, "a Draco mesh was expected")
     monkeypatch.setitem(sys.modules, "DracoPy", None)
-    assert decompressed(document).json["accessors"] == document.json["accessors"]
+    assert decompress(document).json["accessors"] == document.json["accessors"]
 
 
 @pytest.mark.parametrize("missing", ["bufferView", "bytes", "indices"])
@@ -356,7 +356,7 @@ def encode_rows(meshoptimizer, rows, version=0):
 
 
 def decoded_view(gltf, view):
-    return view_bytes(decompressed(close(gltf, 10**6)), view)
+    return view_bytes(decompress(close(gltf, 10**6)), view)
 
 
 @pytest.mark.parametrize("stride", [4, 8, 12, 20, 64, 256])
@@ -486,7 +486,7 @@ def test_meshopt_views_stay_what_they_were(gltf, meshoptimizer):
     document = close(gltf, COUNT * 12)
     document.json["buffers"][1]["extensions"] = {EXT: {"fallback": True}}
     before = deepcopy(document.json)
-    plain = decompressed(document)
+    plain = decompress(document)
 
     assert document.json == before
     assert plain.json["bufferViews"][view] == {
@@ -501,7 +501,7 @@ def test_meshopt_views_stay_what_they_were(gltf, meshoptimizer):
     assert plain.json["buffers"] == [*before["buffers"], {"byteLength": COUNT * 12}]
     assert plain.buffers[:2] == document.buffers
     assert plain.json["extensionsUsed"] == plain.json["extensionsRequired"] == ["KHR_mesh_quantization"]
-    values = numbers(plain, index)
+    values = raw_values(plain, index)
     assert np.array_equal(values, [slow_exponential(row) for row in rows])
     accessor = plain.json["accessors"][index]
     assert (accessor["min"], accessor["max"]) == (values.min(axis=0).tolist(), values.max(axis=0).tolist())
@@ -514,9 +514,9 @@ def test_meshopt_beside_draco(gltf, dracopy, meshoptimizer):
     attributes = primitive_of(close(gltf))["attributes"]
     attributes["_EXTRA"] = gltf.accessor(extra, bufferView=view)
     require(gltf, DRACO, KHR)
-    plain = decompressed(close(gltf, COUNT * 4))
-    assert np.array_equal(numbers(plain, attributes["POSITION"]), POINTS)
-    assert np.array_equal(numbers(plain, attributes["_EXTRA"])[:, 0], extra)
+    plain = decompress(close(gltf, COUNT * 4))
+    assert np.array_equal(raw_values(plain, attributes["POSITION"]), POINTS)
+    assert np.array_equal(raw_values(plain, attributes["_EXTRA"])[:, 0], extra)
     assert not {"extensionsUsed", "extensionsRequired"} & plain.json.keys()
 
 
@@ -568,7 +568,7 @@ def test_mutated_meshopt_streams_do_no_harm(gltf, meshoptimizer, mode):
         for _ in range(random.integers(1, 4)):
             data[random.integers(len(stream))] = random.integers(256)
         try:
-            plain = decompressed(GltfDocument(document.path, document.json, (bytes(data), b"")))
+            plain = decompress(GltfDocument(document.path, document.json, (bytes(data), b"")))
         except InputError:
             continue
         assert len(view_bytes(plain, view)) == TRIANGLES.size * 4, f"seed {seed}"
@@ -585,9 +585,9 @@ def meshopt_beside_plain(gltf):
 def test_plain_data_beside_meshopt_are_kept(gltf):
     view = meshopt_beside_plain(gltf)
     document = close(gltf)
-    plain = decompressed(document)
+    plain = decompress(document)
     assert "extensions" not in plain.json["bufferViews"][view]
-    assert np.array_equal(numbers(plain, 0), POINTS)
+    assert np.array_equal(raw_values(plain, 0), POINTS)
     assert plain.buffers == document.buffers
 
 
@@ -596,7 +596,7 @@ def test_plain_data_beside_meshopt_that_is_required(gltf, meshoptimizer, monkeyp
     require(gltf, EXT)
     refused(close(gltf), "cannot be decoded")
     monkeypatch.setitem(sys.modules, "meshoptimizer", None)
-    assert np.array_equal(numbers(decompressed(close(gltf)), 0), POINTS)
+    assert np.array_equal(raw_values(decompress(close(gltf)), 0), POINTS)
 
 
 @pytest.mark.parametrize("extension", [EXT, KHR])

@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from aoprecalc.io import load_scene, read_image
-from aoprecalc.io.formats.gltf.document import doubles, numbers, raw_rows
+from aoprecalc.io.formats.gltf.document import float_values, raw_rows, raw_values
 
 
 def occlusion_uvs(scene):
@@ -19,7 +19,7 @@ def occlusion_uvs(scene):
     for part in scene.parts:
         primitive = document.json["meshes"][part.source.mesh]["primitives"][part.source.primitive]
         info = document.json["materials"][primitive["material"]]["occlusionTexture"]
-        values = doubles(document, primitive["attributes"][f"TEXCOORD_{info.get('texCoord', 0)}"])
+        values = float_values(document, primitive["attributes"][f"TEXCOORD_{info.get('texCoord', 0)}"])
         found.append(values[part.vertices] * [1, -1] + [0, 1])
     return np.concatenate(found)
 
@@ -32,7 +32,7 @@ def check_document(path):
         rows = raw_rows(document, index)
         assert len(rows) == accessor["count"]
         if "min" in accessor:
-            values = numbers(document, index)
+            values = raw_values(document, index)
             assert accessor["min"] == values.min(axis=0).tolist()
             assert accessor["max"] == values.max(axis=0).tolist()
     for mesh in document.json["meshes"]:
@@ -143,8 +143,8 @@ def test_all_else_in_the_document_stays(gltf_cube, bake):
     assert after.json["images"][:2] == [before["images"][0], {"uri": "x_ao.png"}]
     assert after.json["meshes"][0]["extras"] == after.json["meshes"][0]["primitives"][0]["extras"] == extra
     sampler = after.json["animations"][0]["samplers"][0]
-    assert numbers(after, sampler["input"])[:, 0].tolist() == [0, 1]
-    assert numbers(after, sampler["output"]).tolist() == [[1, 0, 0], [0, 1, 0]]
+    assert raw_values(after, sampler["input"])[:, 0].tolist() == [0, 1]
+    assert raw_values(after, sampler["output"]).tolist() == [[1, 0, 0], [0, 1, 0]]
 
 
 def test_every_attribute_and_morph_target_goes_along(gltf, bake):
@@ -167,10 +167,13 @@ def test_every_attribute_and_morph_target_goes_along(gltf, bake):
     document, part = back.document, back.parts[0]
     written = document.json["meshes"][0]["primitives"][0]
     corners = [[0, 1, 2], [0, 2, 3]]
-    assert numbers(document, written["attributes"]["COLOR_0"])[part.vertices].tolist() == stamp[corners].tolist()
+    assert raw_values(document, written["attributes"]["COLOR_0"])[part.vertices].tolist() == stamp[corners].tolist()
     assert document.json["accessors"][written["attributes"]["COLOR_0"]]["normalized"] is True
-    assert numbers(document, written["attributes"]["_OURS"])[part.vertices][:, :, 0].tolist() == [[5, 6, 7], [5, 7, 8]]
-    assert numbers(document, written["targets"][0]["POSITION"])[part.vertices].tolist() == delta[corners].tolist()
+    assert raw_values(document, written["attributes"]["_OURS"])[part.vertices][:, :, 0].tolist() == [
+        [5, 6, 7],
+        [5, 7, 8],
+    ]
+    assert raw_values(document, written["targets"][0]["POSITION"])[part.vertices].tolist() == delta[corners].tolist()
     assert occlusion_uvs(back) == pytest.approx(atlas.uvs, abs=1e-7)
     assert back.normals == pytest.approx(normals, abs=2e-7)
     assert document.json["meshes"][0]["weights"] == [0.5]
@@ -206,7 +209,7 @@ def test_strips_lines_and_shared_vertices(gltf, bake):
     back = check_document(path)
     primitives = back.document.json["meshes"][0]["primitives"]
     assert primitives[0] == lines
-    assert np.array_equal(numbers(back.document, position), square)
+    assert np.array_equal(raw_values(back.document, position), square)
     assert "mode" not in primitives[1] | primitives[2]
     assert np.array_equal(back.corners, scene.corners)
     assert occlusion_uvs(back) == pytest.approx(atlas.uvs, abs=1e-7)

@@ -332,7 +332,7 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     made = library(path.with_suffix(".mtl"))
     assert made["paint"] == ["Kd 1 1 0", "map_Kd ../bricks.png", "bump -bm 2 ../bumps.png", "map_Ka x_ao.png"]
     assert made["tiles"] == ["Kd 1 1 1", "map_Kd x_ao.png"]
-    assert "1 materials had an ambient texture" in warnings[0]
+    assert "the ambient textures (map_Ka) of 1 materials were replaced" in warnings[0]
     back = load_scene(path)
     assert back.document.materials["paint"].ambient == path.with_name("x_ao.png")
     assert back.document.materials["paint"].texture.samefile(tmp_path / "bricks.png")

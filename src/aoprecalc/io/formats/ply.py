@@ -1,7 +1,7 @@
-"""Reads Stanford PLY, ASCII or binary: polygons of any mixture of sizes, triangle strips, UVs on vertices or corners.
+"""Stanford PLY, ASCII or binary: polygons of any mixture of sizes, triangle strips, UVs on vertices or corners.
 
-trimesh's reader is not used for this format: it refuses binary files that mix triangles with other polygons, takes
-strips for a cloud of points, and reorders the vertices where there are UVs.
+trimesh's reader is not used: it refuses binary files that mix triangles with other polygons, reads strips as points,
+and reorders the vertices where there are UVs.
 """
 
 import re
@@ -40,9 +40,9 @@ _REWRITTEN = ("vertex", "face", "tristrips")  # elements that the writer makes a
 
 @dataclass(frozen=True)
 class _Header:
-    """What a header announces.
+    """A header and the bytes after it.
 
-    order     of the bytes in `body`, which follows it: < or >; or ascii
+    order     the byte order of `body`, < or >; or ascii
     comments  its lines `comment` and `obj_info`, except the one that names its texture
     texture   what the first `comment TextureFile` names, as MeshLab writes it
     """
@@ -54,7 +54,7 @@ class _Header:
     texture: str | None
 
     def texture_path(self, path: Path) -> Path | None:
-        """Return the file of that texture, for the PLY at `path`."""
+        """Return the file of the texture of the PLY at `path`."""
         return None if self.texture is None else path.parent / self.texture.replace("\\", "/")
 
 
@@ -109,7 +109,7 @@ def read_ply(path: Path, data: bytes) -> Scene:
 
 
 def uv_names(columns: Collection[str]) -> tuple[str, ...]:
-    """Return what the UVs of vertices are called among the names of their properties; nothing where there are none."""
+    """Return the names of the UVs among the properties of vertices; empty if there are none."""
     return next((names for names in VERTEX_UVS if all(name in columns for name in names)), ())
 
 
@@ -123,7 +123,7 @@ def _faces(
         return Polygons.of_triangles(0), np.empty((0, 3), dtype=np.int64), None
     vertices = lists.values.astype(np.int64)
     known = (vertices >= 0) & (vertices < len(positions))
-    # Wrong indices are reported later; until then any position will do.
+    # Wrong indices are reported later; until then they refer to vertex 0.
     polygons = Polygons(lists.counts, *polygon_triangles(lists.counts, np.where(known, vertices, 0), positions))
     texcoord = face.lists.get("texcoord")
     if texcoord is None or not np.array_equal(texcoord.counts, 2 * lists.counts):
@@ -175,14 +175,14 @@ def _property(path: Path, words: Sequence[str]) -> Property:
         raise damaged_file(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None
 
 
-# Writes binary PLY with one normal and one UV (s, t) for each vertex.
+# Writing: binary, with one normal and one UV (s, t) for each vertex.
 
 Columns = dict[str, NDArray[Any]]
 
-_NAMES = {code: name for name, code in TYPES.items() if not name[-1].isdigit()}
+_TYPE_NAMES = {code: name for name, code in TYPES.items() if not name[-1].isdigit()}
 _UVS = ("s", "t")
-_TEXTURE_NUMBER = "texnumber"  # which of several textures a face shows; now there is one
-_LONGEST_LIST = 255  # that a count of one byte can tell
+_TEXTURE_NUMBER = "texnumber"  # the texture of each face, of several; the output has one
+_MAX_UCHAR_COUNT = 255  # the longest list whose count is a uchar
 
 
 def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> None:
@@ -202,21 +202,21 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> None:
 
     at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in (normals, uvs)]
     count = len(document.vertices["x"])
-    numbers, first, origin = _split(origins.reshape(-1)[faces.corners], count, *at_corners)
+    vertices, first, origin = _split(origins.reshape(-1)[faces.corners], count, *at_corners)
     old_uvs = set(uv_names(document.vertices)) - {*_UVS}
     columns = {name: values[origin] for name, values in document.vertices.items() if name not in old_uvs}
     for names, values in zip((VERTEX_NORMALS, _UVS), at_corners, strict=True):
         for name, column in zip(names, values.T, strict=True):
-            before = columns.get(name, np.zeros(len(origin))).astype(np.float32)
-            columns[name] = np.where(first >= 0, column[first], before)
+            old = columns.get(name, np.zeros(len(origin))).astype(np.float32)
+            columns[name] = np.where(first >= 0, column[first], old)
 
-    of_faces = {name: values[faces.owners] for name, values in document.faces.items() if name != _TEXTURE_NUMBER}
-    length = "uchar" if faces.counts.max() <= _LONGEST_LIST else "int"
+    face_values = {name: values[faces.owners] for name, values in document.faces.items() if name != _TEXTURE_NUMBER}
+    length = "uchar" if faces.counts.max() <= _MAX_UCHAR_COUNT else "int"
     elements = [
         (_element("vertex", len(origin), columns), Table(columns, {})),
         (
-            _element("face", len(faces.counts), of_faces, Property("vertex_indices", "int", length)),
-            Table(of_faces, {"vertex_indices": Lists(faces.counts, numbers)}),
+            _element("face", len(faces.counts), face_values, Property("vertex_indices", "int", length)),
+            Table(face_values, {"vertex_indices": Lists(faces.counts, vertices)}),
         ),
         *document.others,
     ]
@@ -239,27 +239,30 @@ def _shortest(positions: Float64Array) -> NDArray[Any]:
 
 
 def _split(origins: Int64Array, count: int, *values: NDArray[Any]) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """Make vertices of corners that have some (n, c) values and come from one of `count` vertices, (n,).
+    """Split vertices whose corners differ in their values.
 
-    The first that is made of each keeps its number, the others come after all of them.
+    origins   (n,) the vertex of each corner, of `count` vertices
+    values    each (n, c), at the corners
 
-    Returns the (n,) vertex of each corner; for each vertex a corner that has its values, -1 for none; and which of the
-    vertices it was.
+    The first copy of a vertex keeps its index, further copies are appended.
+
+    Returns the (n,) new vertex of each corner; for each new vertex a corner with its values, -1 for none; and for each
+    new vertex the original one.
     """
-    corner, which = unique_rows(origins, *values)
-    of_corner = origins[corner]
-    made_first = np.empty(count, dtype=np.int64)
-    made_first[of_corner[::-1]] = np.arange(len(corner))[::-1]  # the last assignment stays
-    earliest = made_first[of_corner] == np.arange(len(corner))
-    number = np.where(earliest, of_corner, count - 1 + np.cumsum(~earliest))
-    origin = np.concatenate([np.arange(count), of_corner[~earliest]])
+    corner, inverse = unique_rows(origins, *values)
+    old_vertex = origins[corner]
+    first_copy = np.empty(count, dtype=np.int64)
+    first_copy[old_vertex[::-1]] = np.arange(len(corner))[::-1]  # the last assignment wins
+    is_first = first_copy[old_vertex] == np.arange(len(corner))
+    new_vertex = np.where(is_first, old_vertex, count - 1 + np.cumsum(~is_first))
+    origin = np.concatenate([np.arange(count), old_vertex[~is_first]])
     first = np.full(len(origin), -1)
-    first[number] = corner
-    return number[which], first, origin
+    first[new_vertex] = corner
+    return new_vertex[inverse], first, origin
 
 
 def _element(name: str, count: int, columns: Columns, *lists: Property) -> Element:
-    scalars = [Property(name, _NAMES[values.dtype.str[1:]]) for name, values in columns.items()]
+    scalars = [Property(name, _TYPE_NAMES[values.dtype.str[1:]]) for name, values in columns.items()]
     return Element(name, count, [*lists, *scalars])
 
 

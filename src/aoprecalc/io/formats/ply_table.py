@@ -1,4 +1,4 @@
-"""The body of a PLY file: rows of numbers and lists, as its header announces them, read and written."""
+"""The body of a PLY file: rows of numbers and lists, read and written."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.io.formats.builder import damaged_file
-
-Places = NDArray[np.int64]
+from aoprecalc.types import Int64Array
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
@@ -28,20 +27,20 @@ class Property:
     count: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise KeyError for a type that PLY does not have."""
+        """Raise KeyError for an unknown type."""
         for kind in (self.kind, self.count or self.kind):
             TYPES[kind]
 
     @property
     def line(self) -> str:
-        """The line that announces it."""
+        """Its line in the header."""
         kinds = self.kind if self.count is None else f"list {self.count} {self.kind}"
         return f"property {kinds} {self.name}"
 
 
 @dataclass(frozen=True)
 class Element:
-    """What a header announces: `count` rows of the properties."""
+    """An element of the header: `count` rows of the properties."""
 
     name: str
     count: int
@@ -49,15 +48,15 @@ class Element:
 
     @property
     def lines(self) -> list[str]:
-        """The lines that announce it."""
+        """Its lines in the header."""
         return [f"element {self.name} {self.count}", *(prop.line for prop in self.properties)]
 
 
 @dataclass(frozen=True, eq=False)
 class Lists:
-    """A list for every row: `values` end to end, `counts` (rows,) of them each."""
+    """A list for every row: concatenated `values`, and the length of each list, `counts` (rows,)."""
 
-    counts: Places
+    counts: Int64Array
     values: NDArray[Any]
 
 
@@ -70,25 +69,24 @@ class Table:
 
 
 def read_table(path: Path, elements: list[Element], body: bytes, order: str) -> dict[str, Table]:
-    """Read all elements from the bytes that follow the header.
+    """Read all elements from the bytes after the header.
 
     order   ascii, or the byte order < or > of a binary file
 
-    Raises InputError where there are fewer bytes than the elements need; nothing of the size that the header
-    promises is made before that is known.
+    Raises InputError where there are fewer bytes than the elements need; nothing is allocated before that is known.
     """
-    cells = _Words(body) if order == "ascii" else _Bytes(body, order)
-    tables, at = {}, 0
+    source = _AsciiValues(body) if order == "ascii" else _BinaryValues(body, order)
+    tables, offset = {}, 0
     for element in elements:
         if not element.properties:
             continue
-        least = sum(cells.size(prop.count or prop.kind) for prop in element.properties)
-        if element.count < 0 or at + element.count * least > len(cells):
+        min_row = sum(source.size(prop.count or prop.kind) for prop in element.properties)
+        if element.count < 0 or offset + element.count * min_row > len(source):
             raise damaged_file(
                 path, f"its header promises {element.count} of {element.name!a}, but it ends before that"
             )
         try:
-            tables[element.name], at = _read_element(cells, element, at)
+            tables[element.name], offset = _read_element(source, element, offset)
         except (IndexError, ValueError):
             raise damaged_file(
                 path, f"not all of the {element.count} expected rows of {element.name!a} are there"
@@ -97,15 +95,15 @@ def read_table(path: Path, elements: list[Element], body: bytes, order: str) -> 
 
 
 def element_bytes(element: Element, table: Table) -> bytes:
-    """Return the rows of an element as they stand in a little-endian binary file."""
+    """Return the rows of an element for a little-endian binary file."""
     lists = [table.lists[prop.name].counts for prop in element.properties if prop.count]
     lengths = np.column_stack([np.zeros(element.count, dtype=np.int64), *lists])
     if (lengths == lengths[:1]).all():
         return _block(element, table, np.arange(element.count)).tobytes()
-    kinds, kind = np.unique(lengths, axis=0, return_inverse=True)
-    chosen = [np.flatnonzero(kind.reshape(-1) == at) for at in range(len(kinds))]
+    layouts, layout = np.unique(lengths, axis=0, return_inverse=True)
+    chosen = [np.flatnonzero(layout.reshape(-1) == index) for index in range(len(layouts))]
     blocks = [_block(element, table, rows) for rows in chosen]
-    sizes = np.array([block.dtype.itemsize for block in blocks], dtype=np.int64)[kind.reshape(-1)]
+    sizes = np.array([block.dtype.itemsize for block in blocks], dtype=np.int64)[layout.reshape(-1)]
     starts = np.cumsum(sizes) - sizes
     result = np.empty(sizes.sum(), dtype=np.uint8)
     for rows, block in zip(chosen, blocks, strict=True):
@@ -114,8 +112,8 @@ def element_bytes(element: Element, table: Table) -> bytes:
     return result.tobytes()
 
 
-def _block(element: Element, table: Table, rows: Places) -> NDArray[Any]:
-    """Return some rows of an element whose lists are as long in one as in the other, as structured numbers."""
+def _block(element: Element, table: Table, rows: Int64Array) -> NDArray[Any]:
+    """Return rows of an element, whose lists have equal lengths, as a structured array."""
     fields: list[tuple[Any, ...]] = []
     values: dict[str, NDArray[Any]] = {}
     for prop in element.properties:
@@ -135,8 +133,8 @@ def _block(element: Element, table: Table, rows: Places) -> NDArray[Any]:
     return block
 
 
-class _Bytes:
-    """Numbers of a binary file; a place is a byte."""
+class _BinaryValues:
+    """The values of a binary file; offsets count bytes."""
 
     def __init__(self, body: bytes, order: str) -> None:
         self._bytes = np.frombuffer(body, dtype=np.uint8)
@@ -147,26 +145,26 @@ class _Bytes:
         return len(self._bytes)
 
     def size(self, kind: str) -> int:
-        """Return how many places a number takes."""
+        """Return the size of a value in units of offsets."""
         return np.dtype(TYPES[kind]).itemsize
 
-    def count(self, kind: str, at: int) -> int:
-        """Return the whole number at one place; raises IndexError past the end."""
+    def count(self, kind: str, offset: int) -> int:
+        """Return the integer at an offset; raises IndexError past the end."""
         size = self.size(kind)
-        if at + size > len(self._body):
+        if offset + size > len(self._body):
             raise IndexError
-        return int.from_bytes(self._body[at : at + size], "little" if self._order == "<" else "big")
+        return int.from_bytes(self._body[offset : offset + size], "little" if self._order == "<" else "big")
 
-    def take(self, kind: str, places: Places) -> NDArray[Any]:
-        """Return the numbers at (n,) places; raises IndexError past the end."""
+    def take(self, kind: str, offsets: Int64Array) -> NDArray[Any]:
+        """Return the values at (n,) offsets; raises IndexError past the end."""
         size = self.size(kind)
-        picked = self._bytes[places[:, None] + np.arange(size)]
+        picked = self._bytes[offsets[:, None] + np.arange(size)]
         numbers: NDArray[Any] = picked.view(np.dtype(self._order + TYPES[kind]))[:, 0]
         return numbers.astype(TYPES[kind])
 
 
-class _Words:
-    """Numbers of an ASCII file; a place is a word."""
+class _AsciiValues:
+    """The values of an ASCII file; offsets count words."""
 
     def __init__(self, body: bytes) -> None:
         self._numbers = np.array(body.split(), dtype=np.float64)
@@ -177,59 +175,61 @@ class _Words:
     def size(self, kind: str) -> int:
         return 1
 
-    def count(self, kind: str, at: int) -> int:
-        return int(self._numbers[at])
+    def count(self, kind: str, offset: int) -> int:
+        return int(self._numbers[offset])
 
-    def take(self, kind: str, places: Places) -> NDArray[Any]:
-        return self._numbers[places].astype(TYPES[kind])
+    def take(self, kind: str, offsets: Int64Array) -> NDArray[Any]:
+        return self._numbers[offsets].astype(TYPES[kind])
 
 
-def _read_element(cells: _Bytes | _Words, element: Element, at: int) -> tuple[Table, int]:
-    """Read one element whose rows begin at a place; also return the place after it."""
-    starts, counts, end = _walk(cells, element, at)
+def _read_element(source: _BinaryValues | _AsciiValues, element: Element, offset: int) -> tuple[Table, int]:
+    """Read one element whose rows start at an offset; also return the offset after it."""
+    starts, counts, end = _locate(source, element, offset)
     columns, lists = {}, {}
     for index, prop in enumerate(element.properties):
         if prop.count is None:
-            columns[prop.name] = cells.take(prop.kind, starts[:, index])
+            columns[prop.name] = source.take(prop.kind, starts[:, index])
             continue
-        first = starts[:, index] + cells.size(prop.count)
+        first = starts[:, index] + source.size(prop.count)
         length = counts[:, index]
         within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-        places = np.repeat(first, length) + within * cells.size(prop.kind)
-        lists[prop.name] = Lists(length, cells.take(prop.kind, places))
+        offsets = np.repeat(first, length) + within * source.size(prop.kind)
+        lists[prop.name] = Lists(length, source.take(prop.kind, offsets))
     return Table(columns, lists), end
 
 
-def _walk(cells: _Bytes | _Words, element: Element, at: int) -> tuple[Places, Places, int]:
-    """Find where each property of each row begins, (rows, properties) places, and how long each list is."""
-    starts, counts, end = _walk_rows(cells, element, at, min(element.count, 1))
+def _locate(source: _BinaryValues | _AsciiValues, element: Element, offset: int) -> tuple[Int64Array, Int64Array, int]:
+    """Return the offset of each property and the length of each list, (rows, properties), and the end of the rows."""
+    starts, counts, end = _locate_each_row(source, element, offset, min(element.count, 1))
 
-    # Nearly always all rows are like the first; if not, they have to be looked at one after another.
-    row = end - at
-    all_end = at + row * element.count
-    if all_end > len(cells):
-        return _walk_rows(cells, element, at, element.count)
+    # Usually all rows have the layout of the first; if not, they have to be read one after another.
+    row = end - offset
+    all_end = offset + row * element.count
+    if all_end > len(source):
+        return _locate_each_row(source, element, offset, element.count)
     all_starts = starts + row * np.arange(element.count)[:, None]
     for index, prop in enumerate(element.properties):
-        if prop.count and np.any(cells.take(prop.count, all_starts[:, index]) != counts[:, index]):
-            return _walk_rows(cells, element, at, element.count)
+        if prop.count and np.any(source.take(prop.count, all_starts[:, index]) != counts[:, index]):
+            return _locate_each_row(source, element, offset, element.count)
     return all_starts, np.broadcast_to(counts, all_starts.shape), all_end
 
 
-def _walk_rows(cells: _Bytes | _Words, element: Element, at: int, rows: int) -> tuple[Places, Places, int]:
-    """Walk through the first rows of an element; raises IndexError or ValueError where that leads out of the file."""
-    steps = [(prop.count, cells.size(prop.count or prop.kind), cells.size(prop.kind)) for prop in element.properties]
+def _locate_each_row(
+    source: _BinaryValues | _AsciiValues, element: Element, offset: int, rows: int
+) -> tuple[Int64Array, Int64Array, int]:
+    """Do the same one row after another; raises IndexError or ValueError past the end of the file."""
+    steps = [(prop.count, source.size(prop.count or prop.kind), source.size(prop.kind)) for prop in element.properties]
     starts: list[int] = []
     counts: list[int] = []
     for _ in range(rows):
         for count_kind, head, size in steps:
-            starts.append(at)
-            length = cells.count(count_kind, at) if count_kind else 0
+            starts.append(offset)
+            length = source.count(count_kind, offset) if count_kind else 0
             if length < 0:
                 raise ValueError
             counts.append(length)
-            at += head + length * size
-    if at > len(cells):
+            offset += head + length * size
+    if offset > len(source):
         raise IndexError
     shape = (rows, len(steps))
-    return np.array(starts, dtype=np.int64).reshape(shape), np.array(counts, dtype=np.int64).reshape(shape), at
+    return np.array(starts, dtype=np.int64).reshape(shape), np.array(counts, dtype=np.int64).reshape(shape), offset

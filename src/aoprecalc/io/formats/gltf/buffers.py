@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.gltf.document import COMPONENTS, WIDTHS, GltfDocument, Json, bounds, element_size, numbers
+from aoprecalc.io.formats.gltf.document import (
+    COMPONENTS,
+    WIDTHS,
+    GltfDocument,
+    Json,
+    bounds,
+    element_size,
+    raw_values,
+)
 
 ARRAY, ELEMENT_ARRAY = 34962, 34963
 FLOAT, USHORT, UINT = 5126, 5123, 5125
@@ -158,5 +166,5 @@ def _bounds(document: GltfDocument, index: int, accessor: Json) -> Json:
     stated = {"min", "max"} & accessor.keys()
     if not stated or accessor["type"].startswith("MAT"):
         return {}
-    actual = bounds(numbers(document, index))
+    actual = bounds(raw_values(document, index))
     return {key: actual[key] for key in stated & actual.keys()}

@@ -1,4 +1,4 @@
-"""Compressed meshes of a glTF document, decoded when it is read: the rest of the package sees plain accessors only.
+"""Decompress the meshes of a glTF document when it is read: the rest of the package sees plain accessors only.
 
 KHR_draco_mesh_compression as specified by Fan Zhang, Ondrej Stava, Frank Galligan, Kai Ninomiya and Patrick Cozzi;
 EXT_meshopt_compression and KHR_meshopt_compression by Arseny Kapoulkine, Jasper St. Pierre and others, all for the
@@ -27,16 +27,16 @@ MESHOPT, MESHOPT_PACKAGE = ("EXT_meshopt_compression", "KHR_meshopt_compression"
 EXTENSIONS = (DRACO, *MESHOPT)
 
 
-def decompressed(document: GltfDocument) -> GltfDocument:
-    """Return the document without the extensions that compress meshes; the same one where it uses none.
+def decompress(document: GltfDocument) -> GltfDocument:
+    """Return the document without mesh compression extensions; the same object where it uses none.
 
-    What is only there in compressed form is decoded into one more buffer, at the end of the list: accessors keep their
-    type and count, buffer views their length and stride, `min` and `max` are those of the decoded numbers. Where plain
-    data stand beside compressed ones that are not required, the plain ones are kept, so that the result does not depend
-    on what is installed.
+    Compressed data are decoded into an additional buffer at the end of the list. Accessors keep their type and count,
+    buffer views their length and stride; `min` and `max` become those of the decoded values. If an extension is not
+    required and there are uncompressed fallback data, those are used, so that the result does not depend on what is
+    installed.
 
-    Raises InputError where a stream is damaged or does not hold what its accessors announce, or where the package that
-    decodes it is missing and there are no plain data.
+    Raises InputError where a stream is damaged or does not match its accessors, or where the package that decodes it is
+    missing and there are no fallback data.
     """
     if _extensions(document.json).isdisjoint(EXTENSIONS):
         return document
@@ -47,24 +47,24 @@ def decompressed(document: GltfDocument) -> GltfDocument:
 
 
 def _extensions(json: Json) -> set[str]:
-    """Return the names of all extensions that are listed, or used where these may be."""
+    """Return the names of all extensions that are listed or used by buffer views and primitives."""
     primitives = [primitive for mesh in json.get("meshes", []) for primitive in mesh.get("primitives", [])]
     used = {name for entry in (*json.get("bufferViews", []), *primitives) for name in entry.get("extensions", {})}
     return used.union(json.get("extensionsUsed", []), json.get("extensionsRequired", []))
 
 
 def is_installed(package: str) -> bool:
-    """Tell whether a package is there."""
+    """Tell whether a package is installed."""
     return find_spec(package) is not None
 
 
-def prefers_plain(document: GltfDocument, extension: str, package: str) -> bool:
-    """Tell whether uncompressed data, where they exist, are used instead of those that an extension compresses."""
+def prefers_fallback(document: GltfDocument, extension: str, package: str) -> bool:
+    """Tell whether uncompressed fallback data, where they exist, are used instead of the compressed data."""
     return extension not in document.json.get("extensionsRequired", []) or not is_installed(package)
 
 
 def load_library(path: Path, extension: str, package: str) -> ModuleType:
-    """Return the package that decodes an extension; raises InputError, which names the file at `path`, without it."""
+    """Import the package that decodes an extension; raises InputError for the file at `path` where it is missing."""
     needs = f"{path}: its meshes are compressed by {extension}, which needs the package {package}"
     if not is_installed(package):
         raise InputError(f"{needs}; `pip install 'aoprecalc[compressed]'`")
@@ -76,7 +76,7 @@ def load_library(path: Path, extension: str, package: str) -> ModuleType:
 
 
 def pop_extension(entry: Json, name: str) -> Any:
-    """Take an extension away from an entry of a document; return its value, or None where it has none."""
+    """Remove an extension from an entry of a document; return its value, None if it has none."""
     value = entry.get("extensions", {}).pop(name, None)
     if value is not None and not entry["extensions"]:
         del entry["extensions"]
@@ -84,7 +84,7 @@ def pop_extension(entry: Json, name: str) -> Any:
 
 
 def has_bytes(document: GltfDocument, view: Json) -> bool:
-    """Tell whether the bytes of a view are there; the stand-in for a compressed buffer has none."""
+    """Tell whether the bytes of a view exist; the fallback buffer of a compressed document may have none."""
     document.entry("buffers", view["buffer"])
     start: int = view.get("byteOffset", 0)
     length: int = view["byteLength"]
@@ -93,17 +93,21 @@ def has_bytes(document: GltfDocument, view: Json) -> bool:
 
 # Draco: the attributes and triangles of a primitive are in one stream.
 
-_MAGIC, _KIND, _MESH = b"DRACO", 7, 1  # how a stream begins; where it says what it holds; a mesh
+_MAGIC, _TYPE_OFFSET, _MESH_TYPE = (
+    b"DRACO",
+    7,
+    1,
+)  # start of a stream, offset of its type, a mesh
 _TRIANGLE_STRIP = 5  # a primitive's mode
-_WITH_FRACTIONS = (9, 10)  # Draco's numbers for float32 and float64
+_FLOAT_TYPES = (9, 10)  # Draco's data types float32 and float64
 
 
 @dataclass(frozen=True, eq=False)
-class DracoNumbers:
-    """The numbers of an attribute or of the faces.
+class DracoValues:
+    """The values of an attribute or of the faces, as DracoPy returns them.
 
-    values       (n, width): uint8 or uint32, or float32 for numbers with fractions and, oddly, for signed integers
-    is_integer   they are integers in the stream; then float32 may hold them divided by the greatest of their type
+    values       (n, width): uint8 or uint32; float32 for floats and for signed integers
+    is_integer   they are integers in the stream; float32 values may then be divided by the maximum of their type
     """
 
     values: NDArray[Any]
@@ -114,84 +118,83 @@ class DracoNumbers:
 class DracoStream:
     """A decoded mesh.
 
-    corners      (3 f, 1) uint32: the vertices of its triangles
-    attributes   by their unique ids
+    corners      (3 f, 1) uint32: the vertex indices of the triangles
+    attributes   by unique id
     """
 
-    corners: DracoNumbers
-    attributes: dict[int, DracoNumbers]
+    corners: DracoValues
+    attributes: dict[int, DracoValues]
 
 
 def read_stream(document: GltfDocument, view: int) -> DracoStream:
     """Decode the stream in a buffer view; raises InputError where it is damaged or DracoPy is not installed."""
     library = load_library(document.path, DRACO, DRACO_PACKAGE)
     data = view_bytes(document, view)
-    # Draco bounds a mesh's counts by its bytes, but makes room for as many points as a damaged point cloud promises.
-    if not data.startswith(_MAGIC) or data[_KIND : _KIND + 1] != bytes([_MESH]):
+    # Draco bounds the counts of a mesh by its bytes, but allocates whatever a damaged point cloud announces.
+    if not data.startswith(_MAGIC) or data[_TYPE_OFFSET : _TYPE_OFFSET + 1] != bytes([_MESH_TYPE]):
         raise damaged_file(document.path, f"a Draco mesh was expected, but buffer view {view} begins {data[:8]!a}")
     try:
         mesh = library.decode(data)
     except MemoryError:
         raise
-    except Exception as error:  # it has a class for each way to fail, and no common one
+    except Exception as error:  # DracoPy has no common class of errors
         raise damaged_file(document.path, f"the Draco mesh in buffer view {view} cannot be decoded") from error
 
-    corners = mesh.faces if hasattr(mesh, "faces") else np.empty(0, np.uint32)  # one of no faces comes as a point cloud
+    corners = mesh.faces if hasattr(mesh, "faces") else np.empty(0, np.uint32)  # a mesh without faces is a point cloud
     attributes = {
-        entry["unique_id"]: DracoNumbers(entry["data"], entry["data_type"] not in _WITH_FRACTIONS)
+        entry["unique_id"]: DracoValues(entry["data"], entry["data_type"] not in _FLOAT_TYPES)
         for entry in mesh.attributes
         if entry["data"] is not None
     }
-    return DracoStream(DracoNumbers(corners.reshape(-1, 1), True), attributes)
+    return DracoStream(DracoValues(corners.reshape(-1, 1), True), attributes)
 
 
 def decode_primitives(copy: DecodedCopy) -> None:
-    """Give compressed primitives plain accessors; raises InputError where a stream does not hold what they describe."""
+    """Decode Draco-compressed primitives; raises InputError where a stream does not match its accessors."""
     decoder = _Decoder(copy)
     for primitive in chain.from_iterable(mesh.get("primitives", []) for mesh in copy.json.get("meshes", [])):
         packed = pop_extension(primitive, DRACO)
-        if packed is not None and not _is_plain(copy, primitive, packed):
+        if packed is not None and not _has_fallback(copy, primitive, packed):
             decoder.decode(primitive, packed)
 
 
-def _is_plain(copy: DecodedCopy, primitive: Json, packed: Json) -> bool:
-    """Tell whether everything that is compressed is there in plain form too, and to be preferred."""
+def _has_fallback(copy: DecodedCopy, primitive: Json, packed: Json) -> bool:
+    """Tell whether all compressed data have uncompressed fallback data, and these are to be used."""
     document, attributes = copy.source, primitive["attributes"]
     used = [attributes[name] for name in packed["attributes"] if name in attributes]
     used += [primitive["indices"]] if "indices" in primitive else []
     views = [document.entry("accessors", index).get("bufferView") for index in used]
-    return prefers_plain(copy.source, DRACO, DRACO_PACKAGE) and all(
+    return prefers_fallback(copy.source, DRACO, DRACO_PACKAGE) and all(
         view is not None and has_bytes(document, document.entry("bufferViews", view)) for view in views
     )
 
 
 class _Decoder:
-    """Decodes primitives one after another, and what they share only once."""
+    """Decodes primitives; shared streams and accessors are decoded once."""
 
     def __init__(self, copy: DecodedCopy) -> None:
         self._copy = copy
         self._streams: dict[int, DracoStream] = {}  # by buffer view
-        self._accessors: dict[tuple[int | None, int, int | None], int] = {}  # by what `_accessor` is asked for
+        self._accessors: dict[tuple[int | None, int, int | None], int] = {}  # by the arguments of `_accessor`
 
     def decode(self, primitive: Json, packed: Json) -> None:
-        """Let a primitive's attributes and indices refer to accessors of decoded numbers."""
+        """Replace the accessors of a primitive's attributes and indices by decoded ones."""
         view, ids, attributes = packed["bufferView"], packed["attributes"], primitive["attributes"]
         for name, described in attributes.items():
             if name in ids:
                 attributes[name] = self._accessor(described, view, ids[name])
-        if (
-            primitive.get("mode") == _TRIANGLE_STRIP
-        ):  # Draco lists triangles, and the accessor of a strip describes no list
+        # Draco stores triangles; the accessor of a strip's indices does not describe them.
+        if primitive.get("mode") == _TRIANGLE_STRIP:
             del primitive["mode"]
             primitive.pop("indices", None)
         primitive["indices"] = self._accessor(primitive.get("indices"), view, None)
 
     def _accessor(self, described: int | None, view: int, unique_id: int | None) -> int:
-        """Return the number of an accessor of decoded numbers.
+        """Return the index of an accessor of decoded values.
 
-        described   the accessor that says how many there are, and of what type; None if none does
+        described   the accessor with their count and type; None if there is none
         view        the buffer view of the stream
-        unique_id   of the stream's attribute; None for the vertices of its triangles
+        unique_id   of the attribute in the stream; None for the vertex indices
         """
         key = described, view, unique_id
         if key not in self._accessors:
@@ -199,11 +202,11 @@ class _Decoder:
         return self._accessors[key]
 
     def _decoded(self, described: int | None, view: int, unique_id: int | None) -> int:
-        source, place = self._copy.source, None
+        source, free_view = self._copy.source, None
         if view not in self._streams:
             self._streams[view] = read_stream(source, view)
             self._copy.json["bufferViews"][view].clear()
-            place = view  # which nothing refers to any more
+            free_view = view  # nothing refers to it any more
         stream = self._streams[view]
         numbers = stream.corners if unique_id is None else stream.attributes.get(unique_id)
         if numbers is None:
@@ -214,20 +217,20 @@ class _Decoder:
             accessor: Json = {"componentType": UINT, "type": "SCALAR", "count": len(numbers.values)}
         else:
             accessor = dict(source.entry("accessors", described))
-        values = _as_described(source.path, f"accessor {described}", accessor, numbers)
+        values = _convert(source.path, f"accessor {described}", accessor, numbers)
         if unique_id is None:
-            place = self._copy.fill_view(place, values.tobytes(), target=ELEMENT_ARRAY)
+            filled = self._copy.fill_view(free_view, values.tobytes(), target=ELEMENT_ARRAY)
         else:
             rows = values.view(np.uint8)
-            padded = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4)))  # each vertex begins at a multiple of 4
+            padded = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4)))  # each vertex starts at a multiple of 4
             stride = {} if padded.shape == rows.shape else {"byteStride": padded.shape[1]}
-            place = self._copy.fill_view(place, padded.tobytes(), **stride, target=ARRAY)
+            filled = self._copy.fill_view(free_view, padded.tobytes(), **stride, target=ARRAY)
         kept = {member: value for member, value in accessor.items() if member not in ("byteOffset", "sparse")}
-        return self._copy.fill_accessor(described, kept | {"bufferView": place})
+        return self._copy.fill_accessor(described, kept | {"bufferView": filled})
 
 
-def _as_described(path: Path, name: str, accessor: Json, numbers: DracoNumbers) -> NDArray[Any]:
-    """Return the (count, width) numbers in the type of an accessor; raises InputError where they are others."""
+def _convert(path: Path, name: str, accessor: Json, numbers: DracoValues) -> NDArray[Any]:
+    """Convert (count, width) values to the type of an accessor; raises InputError where they do not fit."""
     kind = np.dtype(COMPONENTS[accessor["componentType"]])
     values, expected = numbers.values, (accessor["count"], WIDTHS[accessor["type"]])
     if values.shape != expected:
@@ -246,11 +249,11 @@ def _as_described(path: Path, name: str, accessor: Json, numbers: DracoNumbers) 
     return values.astype(kind)
 
 
-# meshopt: the bytes of a buffer view are in a stream.
+# meshopt: the bytes of one buffer view are in one stream.
 
-MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
-# The sizes of an element that a filter can be used for.
-FILTERS = {
+_MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
+# The element sizes in bytes that each filter accepts.
+_FILTER_SIZES = {
     "NONE": range(4, 257, 4),
     "OCTAHEDRAL": (4, 8),
     "QUATERNION": (8,),
@@ -260,12 +263,12 @@ FILTERS = {
 
 
 def decode_views(copy: DecodedCopy) -> None:
-    """Give compressed buffer views plain bytes; raises InputError where a stream does not hold what they describe."""
+    """Decode meshopt-compressed buffer views; raises InputError where a stream does not match its view."""
     for index, view in enumerate(copy.json.get("bufferViews", [])):
         for extension in MESHOPT:
             packed = pop_extension(view, extension)
             if packed is None or (
-                prefers_plain(copy.source, extension, MESHOPT_PACKAGE) and has_bytes(copy.source, view)
+                prefers_fallback(copy.source, extension, MESHOPT_PACKAGE) and has_bytes(copy.source, view)
             ):
                 continue
             library = load_library(copy.source.path, extension, MESHOPT_PACKAGE)
@@ -273,19 +276,19 @@ def decode_views(copy: DecodedCopy) -> None:
 
 
 def _decoded(library: ModuleType, document: GltfDocument, index: int, size: int, packed: Json) -> bytes:
-    """Return the `size` bytes that buffer view `index` stands for."""
+    """Return the `size` bytes of buffer view `index`, decoded."""
     stream = _stream(document, index, packed)
     mode, name = packed["mode"], packed.get("filter", "NONE")
     count, stride = packed["count"], packed["byteStride"]
-    # The decoders trust these numbers.
-    if mode not in MODES or name not in FILTERS:
+    # The decoders do not check these numbers.
+    if mode not in _MODES or name not in _FILTER_SIZES:
         raise damaged_file(
             document.path, f"buffer view {index} is compressed by {mode!a} with {name!a}, which do not exist"
         )
     if (
         count < 0
         or count * stride != size
-        or stride not in (FILTERS[name] if mode == "ATTRIBUTES" else (2, 4))
+        or stride not in (_FILTER_SIZES[name] if mode == "ATTRIBUTES" else (2, 4))
         or (mode != "ATTRIBUTES" and name != "NONE")
         or (mode == "TRIANGLES" and count % 3)
     ):
@@ -297,7 +300,7 @@ def _decoded(library: ModuleType, document: GltfDocument, index: int, size: int,
             return _filtered(library, name, rows.view(np.uint8).reshape(count, stride)).tobytes()
         decode = library.decode_index_buffer if mode == "TRIANGLES" else library.decode_index_sequence
         indices: bytes = decode(count, stride, stream).tobytes()
-        return indices[:size]  # those of 16 bits fill half of what it makes room for
+        return indices[:size]  # 16-bit indices fill half of the allocated bytes
     except (RuntimeError, ValueError) as error:
         raise damaged_file(document.path, f"buffer view {index} cannot be decoded ({error})") from error
 
@@ -311,7 +314,7 @@ def _stream(document: GltfDocument, index: int, packed: Json) -> bytes:
 
 
 def _filtered(library: ModuleType, name: str, rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return decoded (count, stride) elements with a filter undone."""
+    """Undo the filter of decoded (count, stride) elements."""
     if name == "NONE":
         return rows
     if name == "COLOR":
@@ -326,13 +329,15 @@ def _filtered(library: ModuleType, name: str, rows: NDArray[np.uint8]) -> NDArra
 
 
 def _colors(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Undo the filter COLOR, which the package lacks: luma, two chromas and alpha in K bits become RGBA in all bits."""
+    """Undo the filter COLOR, which the package lacks: luma, two chromas and alpha of K bits become RGBA of all bits."""
     size = rows.shape[1] // 4
-    luma, _, _, marked = rows.view(f"<u{size}").astype(np.int64).T
+    luma, _, _, tagged_alpha = rows.view(f"<u{size}").astype(np.int64).T
     _, orange, green, _ = rows.view(f"<i{size}").astype(np.int64).T
-    greatest = np.maximum((1 << np.frexp(marked)[1].astype(np.int64)) - 1, 1)  # of K bits; alpha's highest bit tells K
-    alpha = marked & (greatest >> 1)
+    maximum = np.maximum(
+        (1 << np.frexp(tagged_alpha)[1].astype(np.int64)) - 1, 1
+    )  # of K bits; the highest bit of the stored alpha encodes K
+    alpha = tagged_alpha & (maximum >> 1)
     colors = np.stack([luma + orange - green, luma + green, luma - orange - green, alpha << 1 | alpha & 1], axis=1)
     full = (1 << 8 * size) - 1
-    plain = np.floor(colors * (full / greatest)[:, None] + 0.5).clip(0, full).astype(f"<u{size}")
+    plain = np.floor(colors * (full / maximum)[:, None] + 0.5).clip(0, full).astype(f"<u{size}")
     return np.ascontiguousarray(plain).view(np.uint8)

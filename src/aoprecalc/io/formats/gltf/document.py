@@ -28,11 +28,11 @@ JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
 
 @dataclass(frozen=True, eq=False)
 class GltfDocument:
-    """A document and its buffers; not to be changed by anyone.
+    """A document and its buffers, read-only.
 
-    path      of the file; the URIs of images count from its folder
+    path      of the file; URIs are relative to its folder
     json      the whole document
-    buffers   the bytes of each buffer; empty for one that the file does not hold
+    buffers   the bytes of each buffer; empty for one without data
     """
 
     path: Path
@@ -40,11 +40,11 @@ class GltfDocument:
     buffers: tuple[bytes, ...]
 
     def files(self) -> list[Path]:
-        """Return the files that its buffers and images refer to, there or not."""
+        """Return the files that its buffers and images refer to, existing or not."""
         return _files(self.path, self.json)
 
     def entry(self, kind: str, index: int) -> Json:
-        """Return entry `index` of the document's array `kind`; raises InputError where there is none."""
+        """Return entry `index` of the array `kind`; raises InputError where there is none."""
         entries = self.json.get(kind, [])
         if not 0 <= index < len(entries):
             raise damaged_file(self.path, f"it refers to entry {index} of {kind}, but there are {len(entries)}")
@@ -68,7 +68,7 @@ def gltf_files(path: Path, data: bytes) -> list[Path]:
 
 
 def local_file(path: Path, uri: str) -> Path | None:
-    """Return the file that a URI of the document at `path` stands for; None for data URIs and other places."""
+    """Return the file that a URI of the document at `path` names; None for data URIs and remote ones."""
     if urlsplit(uri).scheme or uri.startswith("//"):
         return None
     return path.parent / unquote(uri)
@@ -115,11 +115,11 @@ def _split_glb(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
 
 
 def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes:
-    """Return the bytes of one buffer, as many as it announces."""
+    """Return the bytes of one buffer, of its stated length."""
     uri = buffer.get("uri")
     if uri is None:
         if index or binary is None:
-            return b""  # the stand-in of a compressed buffer; who reads from it finds it too short
+            return b""  # a fallback buffer without data; reading from it fails as too short
         data = binary
     elif uri.startswith("data:"):
         data = data_uri(path, uri)
@@ -141,7 +141,7 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
 
 
 def data_uri(path: Path, uri: str) -> bytes:
-    """Return the bytes that a data URI of the document at `path` stands for; raises InputError."""
+    """Return the bytes of a data URI of the document at `path`; raises InputError."""
     head, _, body = uri.partition(",")
     try:
         return base64.b64decode(unquote(body), validate=True) if head.endswith(";base64") else unquote(body).encode()
@@ -149,19 +149,19 @@ def data_uri(path: Path, uri: str) -> bytes:
         raise damaged_file(path, f"a data URI is not base64 ({error})") from error
 
 
-# The numbers that accessors describe.
+# Accessors.
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
-# Matrices whose columns are padded to 4 bytes: the bytes of one.
-_PADDED = {("MAT2", 1): 8, ("MAT3", 1): 12, ("MAT3", 2): 24}
+# The size in bytes of matrices whose columns are padded to 4 bytes.
+_PADDED_SIZES = {("MAT2", 1): 8, ("MAT3", 1): 12, ("MAT3", 2): 24}
 
 
 def raw_rows(document: GltfDocument, index: int) -> NDArray[np.uint8]:
-    """Return the (count, bytes) elements of an accessor as they are in the file, sparse ones put in their places.
+    """Return the (count, bytes) elements of an accessor as stored, with sparse values applied.
 
-    Raises InputError where it reaches beyond its buffer view, or the view beyond its buffer.
+    Raises InputError where the accessor exceeds its buffer view, or the view its buffer.
     """
     accessor = document.entry("accessors", index)
     count, size = accessor["count"], element_size(accessor)
@@ -175,18 +175,18 @@ def raw_rows(document: GltfDocument, index: int) -> NDArray[np.uint8]:
     if sparse is None:
         return rows
 
-    places, values = sparse["indices"], sparse["values"]
-    kind = np.dtype(COMPONENTS[places["componentType"]])
-    at = _view_rows(document, places["bufferView"], places.get("byteOffset", 0), sparse["count"], kind.itemsize)
-    where = at.view(kind)[:, 0]
-    if where.size and where.max() >= count:
-        raise damaged_file(document.path, f"accessor {index} changes element {where.max()}, but has {count}")
-    rows[where] = _view_rows(document, values["bufferView"], values.get("byteOffset", 0), sparse["count"], size)
+    indices, values = sparse["indices"], sparse["values"]
+    kind = np.dtype(COMPONENTS[indices["componentType"]])
+    raw = _view_rows(document, indices["bufferView"], indices.get("byteOffset", 0), sparse["count"], kind.itemsize)
+    changed = raw.view(kind)[:, 0]
+    if changed.size and changed.max() >= count:
+        raise damaged_file(document.path, f"accessor {index} changes element {changed.max()}, but has {count}")
+    rows[changed] = _view_rows(document, values["bufferView"], values.get("byteOffset", 0), sparse["count"], size)
     return rows
 
 
-def numbers(document: GltfDocument, index: int) -> NDArray[Any]:
-    """Return the (count, width) elements of an accessor in their own type."""
+def raw_values(document: GltfDocument, index: int) -> NDArray[Any]:
+    """Return the (count, width) values of an accessor in their own type."""
     accessor = document.entry("accessors", index)
     rows = raw_rows(document, index)
     kind = np.dtype(COMPONENTS[accessor["componentType"]])
@@ -195,29 +195,29 @@ def numbers(document: GltfDocument, index: int) -> NDArray[Any]:
     return rows.view(kind)
 
 
-def doubles(document: GltfDocument, index: int) -> Float64Array:
-    """Return the (count, width) elements of an accessor as float64, normalized integers as fractions."""
-    values = numbers(document, index)
+def float_values(document: GltfDocument, index: int) -> Float64Array:
+    """Return the (count, width) values of an accessor as float64, normalized integers as fractions."""
+    values = raw_values(document, index)
     if not document.entry("accessors", index).get("normalized") or values.dtype.kind == "f":
         return values.astype(np.float64)
     return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1.0)
 
 
 def bounds(values: NDArray[Any]) -> Json:
-    """Return `min` and `max` of (count, width) elements; nothing where there are none or JSON cannot hold them."""
+    """Return the members `min` and `max` of (count, width) values; none without values or if not all are finite."""
     if not values.size or not np.isfinite(values).all():
         return {}
     return {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
 
 
 def element_size(accessor: Json) -> int:
-    """Return the bytes of one element."""
+    """Return the size of one element in bytes."""
     size = np.dtype(COMPONENTS[accessor["componentType"]]).itemsize
-    return _PADDED.get((accessor["type"], size), size * WIDTHS[accessor["type"]])
+    return _PADDED_SIZES.get((accessor["type"], size), size * WIDTHS[accessor["type"]])
 
 
 def view_bytes(document: GltfDocument, index: int) -> bytes:
-    """Return the bytes of a buffer view; raises InputError where it reaches beyond its buffer."""
+    """Return the bytes of a buffer view; raises InputError where it exceeds its buffer."""
     view = document.entry("bufferViews", index)
     start, length = view.get("byteOffset", 0), view["byteLength"]
     document.entry("buffers", view["buffer"])
@@ -232,7 +232,7 @@ def view_bytes(document: GltfDocument, index: int) -> bytes:
 def _view_rows(
     document: GltfDocument, index: int, offset: int, count: int, size: int, strided: bool = False
 ) -> NDArray[np.uint8]:
-    """Return `count` rows of `size` bytes that begin at an offset of a buffer view."""
+    """Return `count` rows of `size` bytes, starting at an offset in a buffer view."""
     data = view_bytes(document, index)
     stride = document.entry("bufferViews", index).get("byteStride", size) if strided else size
     end = offset + stride * (count - 1) + size if count else offset

@@ -9,7 +9,7 @@ import numpy as np
 
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles, raw_rows, view_bytes
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, PrimitiveKey
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource
 from aoprecalc.mesh.topology import corners_to_vertices
@@ -143,7 +143,7 @@ def _normals_differ(document: GltfDocument, scene: Scene, part: Part, normals: F
     attributes = _primitive(document.json, _key(part))["attributes"]
     if "NORMAL" not in attributes:
         return False
-    values = doubles(document, attributes["NORMAL"])
+    values = float_values(document, attributes["NORMAL"])
     return not (np.isfinite(values).all(axis=1) & values.any(axis=1)).all()
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.base import ImageSource
 from aoprecalc.io.formats.builder import check_indices, damaged_file
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, doubles, local_file, view_bytes
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, float_values, local_file, view_bytes
 from aoprecalc.types import REVERSED_WINDING, AlphaMask, Float32Array, Float64Array, Material, Wrap
 
 TRANSFORM = "KHR_texture_transform"
@@ -134,7 +134,7 @@ class MaterialReader:
         return AlphaMask(self._alpha(use.index), uvs, factors, cutoff, wraps)
 
     def _corners(self, accessor: int, vertices: NDArray[np.int64]) -> Float64Array:
-        values = doubles(self._document, accessor)
+        values = float_values(self._document, accessor)
         check_indices(self._document.path, vertices, len(values))
         return values[vertices]
 

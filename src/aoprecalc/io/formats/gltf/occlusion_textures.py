@@ -10,7 +10,7 @@ import numpy as np
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
 from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_image, texture_wraps
 from aoprecalc.io.formats.gltf.reader import PrimitiveSource
 from aoprecalc.io.images import png_bytes
@@ -227,6 +227,6 @@ def _uvs(document: GltfDocument, part: Part, primitive: Json, use: TextureUse) -
     accessor = primitive["attributes"].get(f"TEXCOORD_{use.texcoord}")
     if accessor is None:
         return None
-    values = doubles(document, accessor)
+    values = float_values(document, accessor)
     check_indices(document.path, part.vertices, len(values))
     return use.transform(values)[part.vertices]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
-from aoprecalc.io.formats.gltf.compression import decompressed
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, doubles, numbers, parse_gltf
+from aoprecalc.io.formats.gltf.compression import decompress
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, parse_gltf, raw_values
 from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
@@ -52,7 +52,7 @@ def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
 def instance_matrices(document: GltfDocument, node: Json) -> Float64Array | None:
     """Return the (n, 4, 4) instance matrices of a node (EXT_mesh_gpu_instancing), in its space; None if it has none."""
     attributes = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
-    given = {name: doubles(document, index) for name, index in attributes.items() if name in _TRS}
+    given = {name: float_values(document, index) for name, index in attributes.items() if name in _TRS}
     if not given:
         return None
     counts = {name: len(rows) for name, rows in given.items()}
@@ -120,7 +120,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
 
     Raises InputError where the file is damaged, needs a package that is missing, or has no usable faces.
     """
-    document = decompressed(parse_gltf(path, data))
+    document = decompress(parse_gltf(path, data))
     check_references(path, document.json)
     nodes = scene_nodes(document)
     materials = MaterialReader(document)
@@ -191,7 +191,7 @@ def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _
     normals = _morphed(document, primitive, "NORMAL", weights) if "NORMAL" in attributes else None
     names = (f"TEXCOORD_{number}" for number in count())
     sets = takewhile(lambda name: name in attributes, names)
-    uv_sets = tuple(doubles(document, attributes[name]) * (1, -1) + (0, 1) for name in sets)
+    uv_sets = tuple(float_values(document, attributes[name]) * (1, -1) + (0, 1) for name in sets)
     vertices = _triangles(document, primitive, len(positions))
     for values in (positions, *uv_sets, *(() if normals is None else (normals,))):
         check_indices(document.path, vertices, len(values))
@@ -200,10 +200,10 @@ def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _
 
 def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Float64Array:
     """Return an attribute plus its weighted morph targets."""
-    values = doubles(document, primitive["attributes"][name])
+    values = float_values(document, primitive["attributes"][name])
     for target, weight in zip(primitive.get("targets", []), weights, strict=False):
         if weight and name in target:
-            difference = doubles(document, target[name])
+            difference = float_values(document, target[name])
             if len(difference) != len(values):
                 raise damaged_file(
                     document.path, f"a morph target has {len(difference)} vertices, {len(values)} were expected"
@@ -239,7 +239,7 @@ def _triangles(document: GltfDocument, primitive: Json, count: int) -> NDArray[n
     """Return the (f, 3) vertices of a primitive's triangles."""
     indices = np.arange(count)
     if "indices" in primitive:
-        indices = numbers(document, primitive["indices"])[:, 0].astype(np.int64)
+        indices = raw_values(document, primitive["indices"])[:, 0].astype(np.int64)
     mode = primitive.get("mode", TRIANGLES)
     if mode == STRIP:
         return strip_triangles(indices)
@@ -269,12 +269,12 @@ def _skinned(
         raise damaged_file(document.path, f"skin {node['skin']} has joints outside the scene")
     joints = np.stack([nodes[joint].matrix for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
-        inverse = doubles(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+        inverse = float_values(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
         joints = joints @ inverse[: len(joints)]
 
     sets = [number for number in range(len(attributes)) if f"JOINTS_{number}" in attributes]
-    chosen = np.hstack([numbers(document, attributes[f"JOINTS_{number}"]) for number in sets]).astype(np.int64)
-    weights = np.hstack([doubles(document, attributes[f"WEIGHTS_{number}"]) for number in sets])
+    chosen = np.hstack([raw_values(document, attributes[f"JOINTS_{number}"]) for number in sets]).astype(np.int64)
+    weights = np.hstack([float_values(document, attributes[f"WEIGHTS_{number}"]) for number in sets])
     if chosen.size and chosen.max() >= len(joints):
         raise damaged_file(document.path, f"a vertex refers to joint {chosen.max()}, but there are {len(joints)}")
     total = weights.sum(axis=1, keepdims=True)

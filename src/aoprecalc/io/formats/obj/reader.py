@@ -53,10 +53,11 @@ class ObjDocument(SourceDocument):
 
 @dataclass(frozen=True)
 class _Lines:
-    """The lines of an OBJ by what they define, without their keyword.
+    """The lines of an OBJ by keyword, without it.
 
-    faces     as text, and for each how many v, vt and vn stood above it, which relative indices count from
-    sections  (section, number of the first face under it)
+    faces     as text
+    above     how many v, vt and vn precede each face: relative indices count from there
+    sections  (section, index of its first face)
     """
 
     v: list[str]
@@ -69,9 +70,9 @@ class _Lines:
 
 
 def read_obj(path: Path, data: bytes) -> Scene:
-    """Read an OBJ file of the given bytes, with the MTL files it names where they lie beside it.
+    """Read an OBJ file of the given bytes, and the MTL files it names where they lie beside it.
 
-    Raises InputError where it cannot be understood or has no usable faces.
+    Raises InputError where it is damaged or has no usable faces.
     """
     text = _join_lines(data.decode("utf-8-sig", "surrogateescape"))
     lines = _sort_lines(text)
@@ -86,13 +87,13 @@ def read_obj(path: Path, data: bytes) -> Scene:
         warnings.append(f"{too_small} faces of fewer than 3 corners are skipped")
 
     pieces = []
-    for section, start, stop in _runs(lines.sections, len(counts)):
+    for section, start, stop in _sections_with_faces(lines.sections, len(counts)):
         first, last = np.searchsorted(owners, [start, stop])
         position, uv, normal = np.moveaxis(corners[triangles[first:last]], 2, 0)
-        at_corners = _look_up(uvs, uv)
+        at_corners = _rows_at(uvs, uv)
         uv_sets = () if at_corners is None else (at_corners,)
         names = (section.object, section.group, section.material)
-        pieces.append(MeshPiece(section.name, positions, position, _look_up(normals, normal), uv_sets, section, names))
+        pieces.append(MeshPiece(section.name, positions, position, _rows_at(normals, normal), uv_sets, section, names))
     if not pieces:
         pieces = [MeshPiece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
     libraries = tuple(path.parent / library for library in lines.libraries)
@@ -117,7 +118,7 @@ def statement(line: str) -> tuple[str, str, str]:
 
 
 def _join_lines(text: str) -> str:
-    """Return a text in which every statement has one line."""
+    """Return the text with one line for each statement."""
     return text.replace("\\\r\n", " ").replace("\\\n", " ").replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -145,36 +146,36 @@ def _sort_lines(text: str) -> _Lines:
     return lines
 
 
-def _numbers(path: Path, what: str, rows: list[str], least: int, width: int) -> Float64Array:
-    """Return (len(rows), width) numbers; those that a row may leave out are 0."""
+def _numbers(path: Path, what: str, rows: list[str], min_count: int, width: int) -> Float64Array:
+    """Parse rows of at least min_count numbers, (len(rows), width) float64; missing ones are 0."""
     split = [row.split(None, width)[:width] for row in rows]
     try:
         if all(len(row) == width for row in split):
             return np.array(split, dtype=np.float64).reshape(-1, width)
         table = np.zeros((len(split), width))
         for index, row in enumerate(split):
-            if len(row) < least:
+            if len(row) < min_count:
                 raise ValueError
             table[index, : len(row)] = [float(number) for number in row]
     except ValueError:
         number, row_text = next(
-            (number, row) for number, row in enumerate(rows, 1) if not _are_numbers(row.split()[:width], least)
+            (number, row) for number, row in enumerate(rows, 1) if not _are_numbers(row.split()[:width], min_count)
         )
         raise damaged_file(
-            path, f"{what} number {number} is {row_text[:60]!a}, {least} numbers were expected"
+            path, f"{what} number {number} is {row_text[:60]!a}, {min_count} numbers were expected"
         ) from None
     return table
 
 
-def _are_numbers(words: Sequence[str], least: int) -> bool:
+def _are_numbers(words: Sequence[str], min_count: int) -> bool:
     try:
-        return len([float(word) for word in words]) >= least
+        return len([float(word) for word in words]) >= min_count
     except ValueError:
         return False
 
 
 def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (p,) corners of each face, and (sum, 3) indices of position, UV and normal there, -1 for none."""
+    """Return (p,) corner counts of the faces, and the (sum, 3) v, vt and vn of each corner, from 0; -1 for none."""
     split = [face.split() for face in lines.faces]
     counts = np.array([len(words) for words in split], dtype=np.int64)
     words = [word for face in split for word in face]
@@ -196,7 +197,7 @@ def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[ND
 
 
 def _indices(words: list[str]) -> NDArray[np.int64]:
-    """Return (n, 3) indices as written, 0 where left out; raises ValueError."""
+    """Parse corners such as 1/2/3 to (n, 3) indices as written, 0 where left out; raises ValueError."""
     slashes = {word.count("/") for word in words}
     if len(slashes) == 1:
         (number,) = slashes
@@ -219,8 +220,8 @@ def _is_corner(word: str) -> bool:
     return True
 
 
-def _runs(sections: list[tuple[Section, int]], faces: int) -> Iterator[tuple[Section, int, int]]:
-    """Yield the sections that have faces, as (section, first face, one past its last); equal neighbours as one."""
+def _sections_with_faces(sections: list[tuple[Section, int]], faces: int) -> Iterator[tuple[Section, int, int]]:
+    """Yield (section, first face, end) of the sections that have faces; equal neighbours are merged."""
     ends = [start for _, start in sections[1:]] + [faces]
     pending: tuple[Section, int, int] | None = None
     for (section, start), stop in zip(sections, ends, strict=True):
@@ -236,8 +237,8 @@ def _runs(sections: list[tuple[Section, int]], faces: int) -> Iterator[tuple[Sec
         yield pending
 
 
-def _look_up(table: Float64Array, indices: NDArray[np.int64]) -> Float64Array | None:
-    """Return the rows at the indices, NaN where an index is -1; None if all are."""
+def _rows_at(table: Float64Array, indices: NDArray[np.int64]) -> Float64Array | None:
+    """Return table[indices], NaN where an index is -1; None if all are -1."""
     if not (indices >= 0).any():
         return None
     return np.where((indices >= 0)[:, :, None], table[indices], np.nan)

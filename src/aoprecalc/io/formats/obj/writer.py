@@ -24,39 +24,39 @@ from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
 
-_WHITE = "Kd 1 1 1"
+_WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
 
 
 def library_lines(
     document: ObjDocument, names: dict[MaterialUse, str], source: Path, target: Path, texture: str, kept: bool
 ) -> tuple[list[str], tuple[str, ...]]:
-    """Return the lines of an MTL at `target`, and what the user should know.
+    """Return the lines of an MTL at `target`, and warnings.
 
-    names     of `material_names`
-    source    the mesh whose materials they are
-    texture   how the MTL calls the texture
-    kept      the texture lies on the mesh's own UVs, so that all other pictures stay; it is map_Ka beside a map_Kd
+    names     of the materials in the output, see `material_names`
+    source    the path of the mesh that has the materials
+    texture   the path of the baked texture as the MTL states it
+    kept      the bake used the mesh's own UVs: other textures stay, and beside a map_Kd the baked one is map_Ka
 
-    Materials that no part has, and those of parts that do not receive, stay as they are.
+    Unused materials, and those of parts that do not receive, stay as they are.
     """
     unknown = [MtlMaterial(material or "") for material, _ in names if material not in document.materials]
     lines: list[str] = []
-    lost = 0  # materials that part with pictures
+    lost = 0  # materials that lose textures
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
         name = material.name or None
-        plain, occluded = names.get((name, False)), names.get((name, True))
-        here = [relocate_line(line, source, target) for line in material.lines]
-        if plain or not occluded:
-            lines += [f"newmtl {plain or name}", *(here or [_WHITE]), ""]
-        if occluded:
-            stay = [line for line in here if not (_is_ambient(line) if kept else names_texture(line))]
-            lost += len(stay) < len(here)
+        plain, baked = names.get((name, False)), names.get((name, True))
+        relocated = [relocate_line(line, source, target) for line in material.lines]
+        if plain or not baked:
+            lines += [f"newmtl {plain or name}", *(relocated or [_WHITE]), ""]
+        if baked:
+            remaining = [line for line in relocated if not (_is_ambient(line) if kept else names_texture(line))]
+            lost += len(remaining) < len(relocated)
             statement = "map_Ka" if kept and material.texture else "map_Kd"
-            lines += [f"newmtl {occluded}", *(stay or [_WHITE]), f"{statement} {texture}", ""]
+            lines += [f"newmtl {baked}", *(remaining or [_WHITE]), f"{statement} {texture}", ""]
     if not lost:
         return lines, ()
     if kept:
-        return lines, (f"{lost} materials had an ambient texture (map_Ka) of their own, which was replaced",)
+        return lines, (f"the ambient textures (map_Ka) of {lost} materials were replaced",)
     return lines, (f"{target}: an MTL holds one set of UVs; the other textures of its materials are left out",)
 
 
@@ -64,23 +64,25 @@ def _is_ambient(line: str) -> bool:
     return line.lower().startswith("map_ka")
 
 
-# Says a scene that came from another kind of file in the words of an OBJ, for the writer to go on with.
-
-POSITION, UV, NORMAL = "v {!r} {!r} {!r}", "vt {!r} {!r}", "vn {:.9g} {:.9g} {:.9g}"
+# float64 positions and UVs, float32 normals; the digits give the same values back.
+_POSITION, _UV, _NORMAL = "v {!r} {!r} {!r}", "vt {!r} {!r}", "vn {:.9g} {:.9g} {:.9g}"
 
 
 def new_document(scene: Scene) -> ObjDocument:
-    """Return the OBJ: an object for each part, no materials, bare `f` lines (what they say is in `corners`)."""
+    """Make the OBJ of a scene of another format: an object for each part, no materials.
+
+    Its `f` lines are empty: `corners` has their indices.
+    """
     polygons = source_polygons(scene)
     corners = np.full((polygons.counts.sum(), 3), -1, dtype=np.int32)
     corners[polygons.triangles, 0] = scene.faces
-    lines = row_lines(POSITION, scene.positions)
-    for column, (template, values) in enumerate(((UV, scene.uvs), (NORMAL, scene.normals)), 1):
+    lines = _format_rows(_POSITION, scene.positions)
+    for column, (template, values) in enumerate(((_UV, scene.uvs), (_NORMAL, scene.normals)), 1):
         if values is not None:
             rows = values.reshape(-1, values.shape[2])
             first, which = unique_rows(rows)
             corners[polygons.triangles, column] = which.reshape(-1, 3)
-            lines += row_lines(template, rows[first])
+            lines += _format_rows(template, rows[first])
 
     starts = [0, *(polygons.owners[part.start] for part in scene.parts[1:]), len(polygons.counts)]
     for part, start, stop in zip(scene.parts, starts, starts[1:], strict=False):
@@ -88,62 +90,59 @@ def new_document(scene: Scene) -> ObjDocument:
     return ObjDocument(polygons, {}, "\n".join(lines), corners, scene.normals is not None)
 
 
-def row_lines(template: str, rows: NDArray[Any]) -> list[str]:
-    """Return a line for each row of numbers, with digits enough to tell float64 (UV, POSITION) or float32 apart."""
+def _format_rows(template: str, rows: NDArray[Any]) -> list[str]:
+    """Return a line for each row of numbers."""
     return [template.format(*row) for row in rows.tolist()]
 
 
-# Changes the lines of an OBJ: the faces of what was baked get UVs and normals, all else stays as it was.
-
-
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """The `vt`, or the `vn`, of the faces to write.
+class _CornerLines:
+    """The `vt` or `vn` lines of the faces to write.
 
-    numbers   (n,) of each corner, counted from 1; 0 for none
-    lines     all that there are, for the place before the first face; None: those of the file stay where they are
+    indices   (n,) for each corner, from 1; 0 for none
+    lines     all lines, to be written before the first face; None: those of the file stay where they are
     """
 
-    numbers: Int64Array
+    indices: Int64Array
     lines: list[str] | None
 
 
 def edit_lines(
     document: ObjDocument, scene: Scene, atlas: Atlas, normals: Float32Array, names: Mapping[MaterialUse, str]
 ) -> list[str]:
-    """Return the lines of a scene's document with the atlas's UVs and these normals on the parts that receive.
+    """Return the lines of a document with the UVs of the atlas and the given normals on the parts that receive.
 
-    names   how the materials of the parts are called
+    names   of the materials in the output, see `material_names`
 
-    Vertices keep their lines and their numbers; `vt` and `vn` do where the file's own were used. A polygon is cut into
-    its triangles where a seam runs through it. Libraries of materials are left out.
+    Vertices keep their lines and indices; so do `vt` and `vn` where the file's own were used. A polygon is cut into its
+    triangles where a seam runs through it. The `mtllib` lines are left out.
     """
     receives, polygons = scene.receives, document.polygons
     new_uvs = receives & (atlas.uv_set != 0)
     new_normals = receives & (not _has_normals(document, scene, normals))
     uvs = np.where(new_uvs[:, None, None], output_uvs(scene, atlas), 0.0)
-    shading = np.where(new_normals[:, None, None], normals, np.float32(0))
+    new_values = np.where(new_normals[:, None, None], normals, np.float32(0))
 
-    faces = polygons.merge_triangles([uvs, shading], decisive=atlas.mapped | ~new_uvs)
+    faces = polygons.merge_triangles([uvs, new_values], decisive=atlas.mapped | ~new_uvs)
     vertices, old_uvs, old_normals = document.corners[polygons.triangles.reshape(-1)[faces.corners]].T
     lines = document.text.split("\n")
-    vt = _rows(lines, "vt", old_uvs, UV, uvs, new_uvs, faces)
-    vn = _rows(lines, "vn", old_normals, NORMAL, shading, new_normals, faces)
-    texts = _face_texts(faces.counts, vertices + 1, vt.numbers, vn.numbers)
+    vt = _corner_lines(lines, "vt", old_uvs, _UV, uvs, new_uvs, faces)
+    vn = _corner_lines(lines, "vn", old_normals, _NORMAL, new_values, new_normals, faces)
+    texts = _face_texts(faces.counts, vertices + 1, vt.indices, vn.indices)
 
     ends = np.searchsorted(faces.owners, np.arange(len(polygons.counts)), side="right").tolist()
     starts = [int(polygons.owners[part.start]) for part in scene.parts]  # the first `f` line of each
-    return _edited(lines, _Materials(starts, scene.parts, names), vt, vn, texts, ends)
+    return _replace_faces(lines, _UsemtlNames(starts, scene.parts, names), vt, vn, texts, ends)
 
 
 def _has_normals(document: ObjDocument, scene: Scene, normals: Float32Array) -> bool:
-    """Tell whether the file's lines have the normals that were used."""
+    """Tell whether the `vn` lines of the file are the normals that were used."""
     where = scene.receives
     own = scene.normals if document.normals_complete else None
     return own is not None and np.array_equal(own[where], normals[where])
 
 
-def _rows(
+def _corner_lines(
     lines: Sequence[str],
     keyword: str,
     old: Int64Array,
@@ -151,21 +150,21 @@ def _rows(
     values: NDArray[Any],
     new: BoolArray,
     faces: OutputFaces,
-) -> _Rows:
-    """Number the (t, 3, c) values of the triangles that are `new`, (t,), after the lines that other faces need."""
+) -> _CornerLines:
+    """Index the (t, 3, c) values of the `new` triangles, (t,) bool, after the lines that other faces need."""
     is_new = np.repeat(new, 3)[faces.corners]
     if not is_new.any():
-        return _Rows(old + 1, None)
+        return _CornerLines(old + 1, None)
     kept = [line for line in lines if statement(line)[0] == keyword] if (old[~is_new] >= 0).any() else []
     rows = values.reshape(-1, values.shape[2])[faces.corners[is_new]]
     first, which = unique_rows(rows)
-    numbers = old + 1
-    numbers[is_new] = len(kept) + 1 + which
-    return _Rows(numbers, kept + row_lines(template, rows[first]))
+    indices = old + 1
+    indices[is_new] = len(kept) + 1 + which
+    return _CornerLines(indices, kept + _format_rows(template, rows[first]))
 
 
 def _face_texts(counts: Int64Array, vertices: Int64Array, uvs: Int64Array, normals: Int64Array) -> list[str]:
-    """Return the `f` line of each face; a face has UVs, or normals, where all of its corners do."""
+    """Return the `f` line of each face; it states UVs, or normals, if all corners of the face have them."""
     starts = np.cumsum(counts) - counts
     has_uvs, has_normals = (np.minimum.reduceat(numbers, starts) > 0 for numbers in (uvs, normals))
     kinds = counts * 4 + has_uvs * 2 + has_normals
@@ -173,19 +172,19 @@ def _face_texts(counts: Int64Array, vertices: Int64Array, uvs: Int64Array, norma
     for kind in np.unique(kinds).tolist():
         size, with_uvs, with_normals = kind // 4, kind & 2, kind & 1
         chosen = np.flatnonzero(kinds == kind)
-        around = starts[chosen][:, None] + np.arange(size)
+        loops = starts[chosen][:, None] + np.arange(size)
         columns = [vertices, *([uvs] if with_uvs else []), *([normals] if with_normals else [])]
         corner = "%d" + ("/%d" if with_uvs else "/" if with_normals else "") + ("/%d" if with_normals else "")
         template = f"f {' '.join([corner] * size)}"
-        rows = np.stack([column[around] for column in columns], axis=2).reshape(len(chosen), -1)
+        rows = np.stack([column[loops] for column in columns], axis=2).reshape(len(chosen), -1)
         texts[chosen] = [template % tuple(row) for row in rows.tolist()]
     return list(texts)
 
 
-class _Materials:
-    """Which `usemtl` is due where.
+class _UsemtlNames:
+    """The material names of the `usemtl` lines.
 
-    starts   the first `f` line of each part
+    starts   the index of the first `f` line of each part
     """
 
     def __init__(self, starts: list[int], parts: Sequence[Part], names: Mapping[MaterialUse, str]) -> None:
@@ -195,15 +194,20 @@ class _Materials:
         self.at_face = dict(zip(starts, self._names, strict=True))
 
     def named(self, material: str | None, face: int) -> str | None:
-        """Return what a `usemtl` that stands before an `f` line should name."""
+        """Return the name for a `usemtl` line that precedes an `f` line."""
         part = bisect_left(self._starts, face)
         return self._names[part] if part < len(self._own) and self._own[part] == material else material
 
 
-def _edited(
-    lines: Sequence[str], materials: _Materials, vt: _Rows, vn: _Rows, texts: Sequence[str], ends: Sequence[int]
+def _replace_faces(
+    lines: Sequence[str],
+    materials: _UsemtlNames,
+    vt: _CornerLines,
+    vn: _CornerLines,
+    texts: Sequence[str],
+    ends: Sequence[int],
 ) -> list[str]:
-    """Return the lines with other faces: `texts` up to ends[0] for the first `f` line, and so on."""
+    """Replace the first `f` line by texts[: ends[0]], the second by texts[ends[0] : ends[1]], and so on."""
     dropped = {"mtllib", *(["vt"] if vt.lines is not None else []), *(["vn"] if vn.lines is not None else [])}
     result: list[str] = []
     face, written, current = 0, 0, None
@@ -212,9 +216,9 @@ def _edited(
         if keyword == "f":
             if face == 0:
                 result += [*(vt.lines or ()), *(vn.lines or ())]
-            wanted = materials.at_face.get(face, current)
-            if wanted != current:
-                current = wanted
+            required = materials.at_face.get(face, current)
+            if required != current:
+                current = required
                 result.append(f"usemtl {current}")
             result += texts[written : ends[face]]
             written = ends[face]
