@@ -61,50 +61,53 @@ class MeshPiece:
 
 def build_scene(
     path: Path,
-    kind: str,
+    file_format: str,
     pieces: Sequence[MeshPiece],
     document: object = None,
     warnings: Sequence[str] = (),
     *,
     label: str | None = None,
 ) -> Scene:
-    """Check the pieces of a file, weld their equal positions and return them as a Scene.
+    """Check the pieces of a file, weld equal positions and return them as a Scene.
 
-    label   what error messages begin with; None: the path
+    file_format   becomes Scene.format
+    document      becomes Scene.document
+    warnings      of the reader
+    label         the start of error messages; None: the path
 
     Raises InputError if there are no faces, if none has area, if a face refers to a vertex that does not exist or if
     a position that is used is not finite.
     """
     label = label or str(path)
-    filled = [piece for piece in pieces if len(piece.vertices)]
-    if not filled:
+    pieces_with_faces = [piece for piece in pieces if len(piece.vertices)]
+    if not pieces_with_faces:
         points = sum(len(array) for array in {id(piece.positions): piece.positions for piece in pieces}.values())
         found = f"{points} points but no faces" if points else "no faces"
         raise InputError(f"{label}: {found} found, a surface of triangles was expected; export the model as a mesh")
-    for piece in filled:
+    for piece in pieces_with_faces:
         check_indices(path, piece.vertices, len(piece.positions))
 
-    positions, faces = _weld(filled)
+    positions, faces = _weld(pieces_with_faces)
     _check_positions(label, positions)
-    messages = list(warnings)
-    normals_of_faces, has_area = face_normals(positions[faces])
+    warnings = list(warnings)
+    flat_normals, has_area = face_normals(positions[faces])
     if not has_area.any():
         raise InputError(
             f"{label}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
         )
     if not has_area.all():
-        messages.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
+        warnings.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
 
     return Scene(
         path=path,
-        format=kind,
+        format=file_format,
         positions=positions,
         faces=faces.astype(np.int32),
-        normals=_gather_normals(filled, normals_of_faces, messages),
-        uv_sets=_gather_uv_sets(filled, messages),
-        parts=_parts(filled),
+        normals=_gather_normals(pieces_with_faces, flat_normals, warnings),
+        uv_sets=_gather_uv_sets(pieces_with_faces, warnings),
+        parts=_parts(pieces_with_faces),
         document=document,
-        warnings=tuple(messages),
+        warnings=tuple(warnings),
     )
 
 
@@ -190,7 +193,7 @@ def _corner_values(
 
 
 def _weld(pieces: Sequence[MeshPiece]) -> tuple[Float64Array, NDArray[np.intp]]:
-    """Return (v, 3) distinct used positions and (f, 3) faces into them."""
+    """Return the (v, 3) distinct positions that faces use, and (f, 3) faces into them."""
     used_positions, corners, offset = [], [], 0
     for piece in pieces:
         used, local = np.unique(piece.vertices, return_inverse=True)
@@ -219,47 +222,47 @@ def _check_positions(label: str, positions: Float64Array) -> None:
 
 
 def _gather_normals(
-    pieces: Sequence[MeshPiece], face_normals: Float64Array, messages: list[str]
+    pieces: Sequence[MeshPiece], face_normals: Float64Array, warnings: list[str]
 ) -> Float32Array | None:
-    """Return unit normals for all corners; None where the file has not enough of them."""
+    """Return (f, 3, 3) unit normals at the corners; None if some part has none or no normal is usable."""
     with_normals = [piece.normals for piece in pieces if piece.normals is not None]
     if not with_normals:
         return None
     if len(with_normals) < len(pieces):
         missing = len(pieces) - len(with_normals)
-        messages.append(f"{missing} of {len(pieces)} parts have no normals; those of the others are not used")
+        warnings.append(
+            f"{missing} of {len(pieces)} parts have no normals, so the normals of the other parts are not used"
+        )
         return None
 
     normals = np.concatenate(with_normals).astype(np.float64)
     largest = np.abs(normals).max(axis=2, keepdims=True)
     usable = np.asarray((np.isfinite(largest) & (largest > 0))[:, :, 0])
     if not usable.any():
-        messages.append("all normals of the file are zero or not finite and are not used")
+        warnings.append("all normals of the file are zero or not finite and are not used")
         return None
     if not usable.all():
-        messages.append(
+        warnings.append(
             f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
             "the normal of their face is used there"
         )
         normals = np.where(usable[:, :, None], normals, face_normals[:, None])
         largest = np.abs(normals).max(axis=2, keepdims=True)
-    normals = normals / largest  # so that neither tiny nor huge normals are lost when squared
+    normals = normals / largest  # avoids underflow and overflow when squaring
     return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
 
 
-def _gather_uv_sets(pieces: Sequence[MeshPiece], messages: list[str]) -> tuple[Float64Array, ...]:
-    """Return every set of UVs for all corners, (0, 0) where the file has none."""
+def _gather_uv_sets(pieces: Sequence[MeshPiece], warnings: list[str]) -> tuple[Float64Array, ...]:
+    """Return the UV sets of all faces, each (f, 3, 2) float64; (0, 0) where the file has no UVs."""
     sets = []
-    for number in range(max(len(piece.uv_sets) for piece in pieces)):
-        has_set = np.repeat(
-            [number < len(piece.uv_sets) for piece in pieces], [len(piece.vertices) for piece in pieces]
-        )
+    for index in range(max(len(piece.uv_sets) for piece in pieces)):
+        has_set = np.repeat([index < len(piece.uv_sets) for piece in pieces], [len(piece.vertices) for piece in pieces])
         uvs = np.full((len(has_set), 3, 2), np.nan)
-        uvs[has_set] = np.concatenate([piece.uv_sets[number] for piece in pieces if number < len(piece.uv_sets)])
-        usable = np.asarray((np.abs(uvs) <= _MAX_UV).all(axis=2))  # NaN is not, either
-        lacking = np.count_nonzero(has_set & ~usable.all(axis=1))
-        if lacking and number == 0:
-            messages.append(f"{lacking} of {len(uvs)} faces lack usable UVs")
+        uvs[has_set] = np.concatenate([piece.uv_sets[index] for piece in pieces if index < len(piece.uv_sets)])
+        usable = np.asarray((np.abs(uvs) <= _MAX_UV).all(axis=2))  # False for NaN
+        incomplete = np.count_nonzero(has_set & ~usable.all(axis=1))
+        if incomplete and index == 0:
+            warnings.append(f"{incomplete} of {len(uvs)} faces lack usable UVs")
         sets.append(np.where(usable[:, :, None], uvs, 0.0))
     return tuple(sets)
 
