@@ -22,7 +22,7 @@ from aoprecalc.io import (
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import NoOcclusionError
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
-from aoprecalc.io.sphere_files.files import read_levels
+from aoprecalc.io.sphere_files.files import READABLE_SPHERE_EXTENSIONS, read_levels
 from aoprecalc.metrics import (
     ComparedMesh,
     Difference,
@@ -46,10 +46,8 @@ def kind_of(path: Path) -> Kind:
     suffix = path.suffix.lower()
     if suffix in MESH_EXTENSIONS:
         return "mesh"
-    if suffix in (".csv", ".npz"):
-        return "spheres"
     if suffix != ".json":
-        return "texture"
+        return "spheres" if suffix in READABLE_SPHERE_EXTENSIONS else "texture"
     document = read_json_object(path)
     if isinstance(document.get("spheres"), list):
         return "spheres"
