@@ -4,13 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aoprecalc.subprocesses import ask
+from aoprecalc.subprocesses import ChildKilledError, ChildStoppedError, ChildTimeoutError, ask
 from shapes import torus
 
 PATIENCE = 20  # seconds until a test gives up on what takes a tenth of a second
@@ -90,6 +91,23 @@ def test_a_child_that_fails_says_why(end, reason):
     with pytest.raises(ChildProcessError) as failure:
         ask(python(TALK + "say('sawing'); " + end), bytes(1_000_000), lambda step: None)
     assert str(failure.value) == reason
+
+
+def test_a_time_out_ends_the_child_and_names_its_step():
+    with pytest.raises(ChildTimeoutError, match=r"no answer within 1 s") as failure:
+        ask(python(TALK + "say('sawing'); time.sleep(600)"), timeout=1)
+    assert failure.value.step == "sawing"
+
+
+def test_an_event_stops_the_child():
+    stop = threading.Event()
+    with pytest.raises(ChildStoppedError):
+        ask(python(TALK + "say('sawing'); time.sleep(600)"), on_step=lambda step: stop.set(), stop=stop)
+
+
+def test_a_child_that_others_kill_is_told_apart():
+    with pytest.raises(ChildKilledError):
+        ask(python("import os; os.kill(os.getpid(), 15)"))
 
 
 def interrupt_soon():

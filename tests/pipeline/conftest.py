@@ -3,7 +3,6 @@
 import os
 import shutil
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -12,8 +11,8 @@ from aoprecalc.pipeline.jobs import run_job
 from aoprecalc.pipeline.workers import JobEvent
 
 
-class InThisProcess:
-    """A crew that does its jobs one after the other, here; `stages` are those that it came to."""
+class InProcessPool:
+    """A worker pool that runs its jobs here, one after the other; keeps their names and their stages."""
 
     threads = 1
 
@@ -27,16 +26,16 @@ class InThisProcess:
 
 
 @pytest.fixture
-def crew(monkeypatch):
-    """Have batches of this test work in this process, for speed; `jobs` are the names of all that was made."""
-    crew = InThisProcess()
+def pool(monkeypatch):
+    """Let batches of this test run their jobs in this process, for speed; `pool.jobs`: names of the assets made."""
+    pool = InProcessPool()
 
     @contextmanager
     def open_pool(count, options):
-        yield crew
+        yield pool
 
-    monkeypatch.setattr(import_module("aoprecalc.pipeline.run"), "open_pool", open_pool)  # batch is a function, too
-    return crew
+    monkeypatch.setattr("aoprecalc.pipeline.run.open_pool", open_pool)
+    return pool
 
 
 @pytest.fixture(autouse=True)

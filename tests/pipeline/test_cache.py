@@ -227,7 +227,7 @@ def ring(tmp_path, monkeypatch):
     return write_ring(tmp_path / "in/ring.obj")
 
 
-def test_a_batch_goes_on_without_a_cache_that_cannot_be_written(ring, crew, tmp_path):
+def test_a_batch_goes_on_without_a_cache_that_cannot_be_written(ring, pool, tmp_path):
     write_ring(tmp_path / "in/other.obj", 0.3)
     (tmp_path / "file").touch()
     warnings = []
@@ -239,7 +239,7 @@ def test_a_batch_goes_on_without_a_cache_that_cannot_be_written(ring, crew, tmp_
     assert warnings[0].startswith("file: the cache cannot be written (")
 
 
-def test_a_result_is_taken_from_the_cache(ring, crew, tmp_path):
+def test_a_result_is_taken_from_the_cache(ring, pool, tmp_path):
     made = batch("in", "out", spheres=SPHERES, cache="cache")
     again = batch("in", "elsewhere", spheres=SPHERES, cache="cache")
     assert (statuses(made), statuses(again)) == ({"ring": "made"}, {"ring": "cached"})
@@ -249,7 +249,7 @@ def test_a_result_is_taken_from_the_cache(ring, crew, tmp_path):
     assert statuses(batch("in", "elsewhere", spheres=SPHERES)) == {"ring": "unchanged"}
 
 
-def test_a_damaged_result_is_made_again_and_kept(ring, crew, tmp_path):
+def test_a_damaged_result_is_made_again_and_kept(ring, pool, tmp_path):
     batch("in", "out", spheres=SPHERES, cache="cache")
     (damaged,) = (tmp_path / "cache").rglob("ring_spheres.json")
     whole = damaged.read_bytes()
@@ -259,13 +259,13 @@ def test_a_damaged_result_is_made_again_and_kept(ring, crew, tmp_path):
     assert contents(tmp_path / "b") == {"ring_spheres.json": whole}
 
 
-def test_force_takes_nothing_from_it(ring, crew):
+def test_force_takes_nothing_from_it(ring, pool):
     batch("in", "out", spheres=SPHERES, cache="cache")
     forced = batch("in", "out", spheres=SPHERES, cache="cache", options=BatchOptions(force=True))
     assert statuses(forced) == {"ring": "made"}
 
 
-def test_a_batch_keeps_it_to_its_size(ring, crew, tmp_path):
+def test_a_batch_keeps_it_to_its_size(ring, pool, tmp_path):
     write_ring(tmp_path / "in/other.obj", 0.3)
     batch("in", "out", spheres=SPHERES, cache="cache")
     size = Cache(Path("cache")).usage().bytes
@@ -276,7 +276,7 @@ def test_a_batch_keeps_it_to_its_size(ring, crew, tmp_path):
     assert Cache(Path("small")).usage().entries == 1
 
 
-def test_the_command_says_what_it_holds_and_removes(ring, crew, command, monkeypatch, tmp_path):
+def test_the_command_says_what_it_holds_and_removes(ring, pool, command, monkeypatch, tmp_path):
     monkeypatch.setenv("AOPRECALC_CACHE", str(tmp_path / "named"))
     assert command("cache", "info").stdout == f"{tmp_path}/named  holds 0 results, 0 bytes\n"
     assert command("batch", "in", "-o", "out", "--spheres", "-n 8 -s 500").returncode == 0
@@ -306,7 +306,7 @@ def test_the_command_says_what_it_needs(words, expected, command):
 
 
 @pytest.mark.parametrize("words", [["--no-cache"], ["--cache", "other"]])
-def test_a_batch_leaves_the_users_cache_alone_where_that_is_said(words, ring, crew, command, monkeypatch, tmp_path):
+def test_a_batch_leaves_the_users_cache_alone_where_that_is_said(words, ring, pool, command, monkeypatch, tmp_path):
     monkeypatch.setenv("AOPRECALC_CACHE", str(tmp_path / "named"))
     assert command("batch", "in", "-o", "out", "--spheres", "-n 8 -s 500", *words).returncode == 0
     assert not (tmp_path / "named").exists()

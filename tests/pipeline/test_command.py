@@ -126,7 +126,7 @@ NASTY = {
 }
 
 
-def test_nasty_input_costs_itself_alone(here, crew, command):
+def test_nasty_input_costs_itself_alone(here, pool, command):
     for name, data in NASTY.items():
         (here / "in" / name).write_bytes(data)
     done = command("batch", "in", "-o", "out", *SMALL_BAKE, "--junit", "junit.xml", "--json")
@@ -175,18 +175,18 @@ USAGE = {
 
 
 @pytest.mark.parametrize("case", USAGE)
-def test_what_cannot_be_done_is_one_line_before_any_work(case, here, crew, command):
+def test_what_cannot_be_done_is_one_line_before_any_work(case, here, pool, command):
     words, code, expected = USAGE[case]
     before = sorted(path for path in here.rglob("*"))
     done = command("batch", *words)
     assert done.returncode == code
     assert expected in error_of(done)
     assert done.stdout == ""
-    assert crew.jobs == []
+    assert pool.jobs == []
     assert sorted(path for path in here.rglob("*")) == before
 
 
-def test_files_of_a_failed_batch_are_written(here, crew, command):
+def test_files_of_a_failed_batch_are_written(here, pool, command):
     """Its answer is no, and its report says why."""
     (here / "in/a.obj").unlink()
     words = ["in/a.obj", "in/props/b.obj", "-o", "out", *SMALL_SPHERES, "--report", "logs/", "--junit", "logs/"]
@@ -198,20 +198,20 @@ def test_files_of_a_failed_batch_are_written(here, crew, command):
     assert ElementTree.parse(here / "logs/batch.xml").getroot().get("failures") == "1"
 
 
-def test_a_report_may_lie_in_the_output_folder(here, crew, command):
+def test_a_report_may_lie_in_the_output_folder(here, pool, command):
     done = command("batch", "in", "-o", "out", *SMALL_SPHERES, "--report", "out/batch.json")
     assert done.returncode == 0, done.stderr
     assert json.loads((here / "out/batch.json").read_text())["counts"]["made"] == 2
 
 
-def test_fail_fast_stops(here, crew, command):
+def test_fail_fast_stops(here, pool, command):
     for name in ("in/a.obj", "in/props/b.obj"):
         (here / name).write_text("")
     done = command("batch", "in", "-o", "out", *SMALL_SPHERES, "--fail-fast", "--json", "--junit", "junit.xml")
     assert done.returncode == 1
     report = json.loads(done.stdout)
     assert (report["counts"]["failed"], report["counts"]["stopped"]) == (1, 1)
-    assert len(crew.jobs) == 1
+    assert len(pool.jobs) == 1
     assert error_of(done).startswith("error: 1 of 2 assets failed, 1 were not finished; ")
     assert ElementTree.parse(here / "junit.xml").getroot().get("skipped") == "1"
     kept_going = command("batch", "in", "-o", "out", *SMALL_SPHERES, "--keep-going", "--json")
@@ -228,7 +228,7 @@ def test_names_that_are_no_text_do_not_end_the_batch(here):
 
 
 @pytest.mark.parametrize("at", ["true", "false", None])
-def test_github_is_told_where_it_asks(at, here, crew, command, monkeypatch):
+def test_github_is_told_where_it_asks(at, here, pool, command, monkeypatch):
     monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
     if at is not None:
         monkeypatch.setenv("GITHUB_ACTIONS", at)
@@ -245,7 +245,7 @@ def test_github_is_told_where_it_asks(at, here, crew, command, monkeypatch):
     assert len(told) == 2
 
 
-def test_a_new_line_in_a_name_ends_no_annotation(here, crew, command, monkeypatch):
+def test_a_new_line_in_a_name_ends_no_annotation(here, pool, command, monkeypatch):
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     (here / "in/a.obj").rename(here / "in/a\n::error::b.obj")
     (here / "in/a\n::error::b.obj").write_text("")

@@ -132,7 +132,7 @@ def test_names_do_not_depend_on_what_else_is_there(here):
 
 
 @pytest.mark.parametrize("output", ["assets/made", "assets", "."], ids=["inside", "among them", "above"])
-def test_outputs_are_no_inputs_of_the_next_batch(output, tmp_path, monkeypatch, crew):
+def test_outputs_are_no_inputs_of_the_next_batch(output, tmp_path, monkeypatch, pool):
     monkeypatch.chdir(tmp_path)
     write_ring(tmp_path / "assets/ring.obj")
     write_ring(tmp_path / "assets/props/ring.obj")
@@ -145,7 +145,7 @@ def test_outputs_are_no_inputs_of_the_next_batch(output, tmp_path, monkeypatch, 
     assert contents(tmp_path) == before
 
 
-def test_not_even_where_a_shell_has_named_them(tmp_path, monkeypatch, crew):
+def test_not_even_where_a_shell_has_named_them(tmp_path, monkeypatch, pool):
     """As it does for a pattern without quotes."""
     monkeypatch.chdir(tmp_path)
     write_ring(tmp_path / "ring.obj")
@@ -159,7 +159,7 @@ def test_not_even_where_a_shell_has_named_them(tmp_path, monkeypatch, crew):
 
 
 @pytest.mark.parametrize("folder", ["in/props/made", "in/props", "in"])
-def test_outputs_of_another_batch_are_no_inputs_and_hide_none(folder, tmp_path, monkeypatch, crew):
+def test_outputs_of_another_batch_are_no_inputs_and_hide_none(folder, tmp_path, monkeypatch, pool):
     """They may lie apart, or among the meshes, of which it has had some or all."""
     monkeypatch.chdir(tmp_path)
     write_ring(tmp_path / "in/ring.obj")
@@ -169,7 +169,7 @@ def test_outputs_of_another_batch_are_no_inputs_and_hide_none(folder, tmp_path, 
     assert found("in/props", output="out") == {"ring": "in/props/ring.obj"}
 
 
-def test_outputs_of_an_asset_that_is_gone_are_no_inputs_either(tmp_path, monkeypatch, crew):
+def test_outputs_of_an_asset_that_is_gone_are_no_inputs_either(tmp_path, monkeypatch, pool):
     monkeypatch.chdir(tmp_path)
     for name in ("ring.obj", "other.obj"):
         write_ring(tmp_path / name)
@@ -205,7 +205,7 @@ def test_links_to_folders_are_no_way_for_two_stars(here):
     assert not [name for name in found(".") if "up" in name or "self" in name]
 
 
-def test_what_has_its_kind_in_its_name_has_it_in_all_names(tmp_path, monkeypatch, crew):
+def test_what_has_its_kind_in_its_name_has_it_in_all_names(tmp_path, monkeypatch, pool):
     """An STL becomes a GLB, and would have the name of the other one's."""
     monkeypatch.chdir(tmp_path)
     for kind in ("glb", "stl"):

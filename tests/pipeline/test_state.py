@@ -41,18 +41,18 @@ def record(name="a"):
 
 
 @pytest.fixture
-def made(rings, crew):
+def made(rings, pool):
     """The output folder of a batch that has been made."""
     assert make() == {"a": "made", "b": "made"}
-    crew.jobs.clear()
+    pool.jobs.clear()
     return rings.parent / "out"
 
 
-def test_what_is_there_stays(made, crew):
+def test_what_is_there_stays(made, pool):
     before = contents(made)
     times = {path: path.stat().st_mtime_ns for path in made.rglob("*.json")}
     assert make() == {"a": "unchanged", "b": "unchanged"}
-    assert crew.jobs == []
+    assert pool.jobs == []
     assert contents(made) == before
     assert {path: path.stat().st_mtime_ns for path in times} == times
 
@@ -64,25 +64,25 @@ def test_a_summary_is_remembered(made):
     assert [entry["spheres"] for entry in remembered] == [8, 8]
 
 
-def test_a_touched_input_is_looked_at_once(made, rings, crew):
+def test_a_touched_input_is_looked_at_once(made, rings, pool):
     os.utime(rings / "a.obj", ns=(OLD[0], OLD[1] + 1))
     assert make() == {"a": "unchanged", "b": "unchanged"}
-    assert crew.jobs == []
+    assert pool.jobs == []
     assert record()["inputs"]["files"]["a.obj"]["times"][0] == OLD[1] + 1
 
 
-def test_a_changed_input_is_made_again(made, rings, crew):
+def test_a_changed_input_is_made_again(made, rings, pool):
     before = contents(made)
     write_ring(rings / "a.obj", 0.2)
     os.utime(rings / "a.obj", ns=(OLD[0], OLD[1] - 1))  # by one that is older than it
     assert make() == {"a": "made", "b": "unchanged"}
-    assert crew.jobs == ["a"]
+    assert pool.jobs == ["a"]
     assert contents(made).keys() == before.keys()
     assert [name for name, data in contents(made).items() if data != before[name]] == ["a_spheres.json"]
     assert make() == {"a": "unchanged", "b": "unchanged"}
 
 
-def test_a_material_that_appears_makes_it_again(rings, crew):
+def test_a_material_that_appears_makes_it_again(rings, pool):
     write_ring(rings / "a.obj", mtllib="a.mtl", usemtl="stone")
     make()
     assert make() == {"a": "unchanged", "b": "unchanged"}
@@ -92,7 +92,7 @@ def test_a_material_that_appears_makes_it_again(rings, crew):
     assert make() == {"a": "made", "b": "unchanged"}
 
 
-def test_other_options_make_it_again(made, crew):
+def test_other_options_make_it_again(made, pool):
     before = contents(made)
     assert make(spheres=SphereOptions(9, samples=500)) == {"a": "made", "b": "made"}
     assert make() == {"a": "made", "b": "made"}
@@ -104,9 +104,9 @@ def test_another_version_makes_it_again(made, monkeypatch):
     assert make() == {"a": "made", "b": "made"}
 
 
-def test_force_makes_it_again(made, crew):
+def test_force_makes_it_again(made, pool):
     assert make(force=True) == {"a": "made", "b": "made"}
-    assert sorted(crew.jobs) == ["a", "b"]
+    assert sorted(pool.jobs) == ["a", "b"]
 
 
 DAMAGE = {
@@ -119,19 +119,19 @@ DAMAGE = {
 
 @pytest.mark.parametrize("how", DAMAGE)
 @pytest.mark.parametrize("cached", [False, True], ids=["", "cache"])
-def test_an_output_that_is_not_as_it_was_comes_again(how, cached, rings, crew):
+def test_an_output_that_is_not_as_it_was_comes_again(how, cached, rings, pool):
     cache = "cache" if cached else None
     make(BAKE, cache=cache)
     before = contents(rings.parent / "out")
-    crew.jobs.clear()
+    pool.jobs.clear()
     DAMAGE[how](rings.parent / "out/a_spheres.json")
     assert make(BAKE, cache=cache) == {"a": "cached" if cached else "made", "b": "unchanged"}
-    assert crew.jobs == ([] if cached else ["a"])
+    assert pool.jobs == ([] if cached else ["a"])
     assert without_times(contents(rings.parent / "out")) == without_times(before)
     assert make(BAKE, cache=cache) == {"a": "unchanged", "b": "unchanged"}
 
 
-def test_an_output_that_was_touched_is_as_it_was(made, crew):
+def test_an_output_that_was_touched_is_as_it_was(made, pool):
     os.utime(made / "a_spheres.json", ns=OLD)
     assert make() == {"a": "unchanged", "b": "unchanged"}
 
@@ -151,7 +151,7 @@ RECORDS = {
 
 
 @pytest.mark.parametrize("how", RECORDS)
-def test_a_damaged_record_is_as_none(how, made, crew):
+def test_a_damaged_record_is_as_none(how, made, pool):
     before = contents(made)
     file = made / STATE_FOLDER / "assets/a.asset.json"
     text = RECORDS[how](file.read_text())
@@ -161,7 +161,7 @@ def test_a_damaged_record_is_as_none(how, made, crew):
     assert make() == {"a": "unchanged", "b": "unchanged"}
 
 
-def test_records_that_are_deleted_lose_nothing_but_time(rings, crew):
+def test_records_that_are_deleted_lose_nothing_but_time(rings, pool):
     make(BAKE)
     before = contents(rings.parent / "out")
     shutil.rmtree(rings.parent / "out" / STATE_FOLDER)
@@ -188,7 +188,7 @@ def test_two_batches_do_not_write_to_one_folder(made):
     assert make() == {"a": "unchanged", "b": "unchanged"}
 
 
-def test_outputs_that_are_no_longer_asked_for_go(rings, crew):
+def test_outputs_that_are_no_longer_asked_for_go(rings, pool):
     make(BAKE, SPHERES)
     both = contents(rings.parent / "out")
     make(BAKE, None)
@@ -200,7 +200,7 @@ def test_outputs_that_are_no_longer_asked_for_go(rings, crew):
     assert contents(rings.parent / "out") == {name: both[name] for name in ("a_spheres.json", "b_spheres.json")}
 
 
-def test_outputs_that_the_user_has_changed_do_not_go(rings, crew):
+def test_outputs_that_the_user_has_changed_do_not_go(rings, pool):
     make(BAKE, SPHERES)
     (rings.parent / "out/a_spheres.json").write_text("mine")
     make(BAKE, None)
@@ -214,13 +214,13 @@ def test_other_files_in_the_folder_do_not_go(made):
     assert (made / "notes.txt").read_text() == "mine"
 
 
-def test_what_is_made_of_no_mesh_any_more_goes_where_that_is_asked_for(made, rings, crew):
+def test_what_is_made_of_no_mesh_any_more_goes_where_that_is_asked_for(made, rings, pool):
     (rings / "a.obj").unlink()
     assert make() == {"b": "unchanged"}
     assert list(contents(made)) == ["a_spheres.json", "b_spheres.json"]
     assert make(prune=True) == {"b": "unchanged"}
     assert list(contents(made)) == ["b_spheres.json"]
-    assert crew.jobs == []
+    assert pool.jobs == []
 
 
 def test_what_the_user_has_changed_is_not_pruned(made, rings):
@@ -239,7 +239,7 @@ def test_the_outputs_of_a_failure_are_not_pruned(made, rings):
 
 
 @pytest.mark.parametrize("text", ["", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "v 0 0 0\n", None])
-def test_a_failure_leaves_earlier_outputs_as_they_were(text, made, rings, crew):
+def test_a_failure_leaves_earlier_outputs_as_they_were(text, made, rings, pool):
     before = contents(made)
     if text is None:
         (rings / "a.obj").unlink()
@@ -252,15 +252,15 @@ def test_a_failure_leaves_earlier_outputs_as_they_were(text, made, rings, crew):
     assert make() == {"a": "unchanged", "b": "unchanged"}  # it is again what those were made from
 
 
-def test_an_input_that_changes_under_the_work_is_a_failure(rings, crew, monkeypatch):
-    real = crew.run
+def test_an_input_that_changes_under_the_work_is_a_failure(rings, pool, monkeypatch):
+    real = pool.run
 
     def run(jobs):
         for event in real(jobs):
             write_ring(rings / f"{event.job.name}.obj", 0.25)
             yield event
 
-    monkeypatch.setattr(crew, "run", run)
+    monkeypatch.setattr(pool, "run", run)
     result = batch("in/a.obj", "out", spheres=SPHERES)
     assert statuses(result) == {"a": "failed"}
     assert "in/a.obj: was changed while it was worked on" in result.results[0].failure.message
@@ -268,7 +268,7 @@ def test_an_input_that_changes_under_the_work_is_a_failure(rings, crew, monkeypa
 
 
 @pytest.mark.parametrize("place", ["out", "out/.aoprecalc", "out/.aoprecalc/lock", "out/.aoprecalc/staging"])
-def test_an_output_folder_that_cannot_be_one(place, rings, crew):
+def test_an_output_folder_that_cannot_be_one(place, rings, pool):
     path = rings.parent / place
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.name == "lock":
@@ -278,7 +278,7 @@ def test_an_output_folder_that_cannot_be_one(place, rings, crew):
     message, code = said(make)
     assert code == 1
     assert message.startswith("out: cannot be written (")
-    assert crew.jobs == []
+    assert pool.jobs == []
 
 
 def test_a_record_is_read_as_it_was_written(tmp_path):
@@ -307,7 +307,7 @@ def corners(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("one", "other"), ["ab", "ba"])
-def test_a_file_of_two_assets_stays_while_one_has_it(one, other, corners, crew):
+def test_a_file_of_two_assets_stays_while_one_has_it(one, other, corners, pool):
     assert make(BAKE, None) == {"a": "made", "b": "made"}
     (wood,) = corners.glob("wood*.png")
     assert make(None, SPHERES, patterns=f"in/{one}.gltf") == {one: "made"}
@@ -318,7 +318,7 @@ def test_a_file_of_two_assets_stays_while_one_has_it(one, other, corners, crew):
 
 
 @pytest.mark.parametrize(("one", "other"), ["ab", "ba"])
-def test_a_failure_keeps_a_file_that_the_other_asset_has_no_more(one, other, corners, crew):
+def test_a_failure_keeps_a_file_that_the_other_asset_has_no_more(one, other, corners, pool):
     make(BAKE, None)
     before = contents(corners)
     (corners.parent / f"in/{other}.gltf").write_text("damaged")
@@ -328,7 +328,7 @@ def test_a_failure_keeps_a_file_that_the_other_asset_has_no_more(one, other, cor
 
 
 @pytest.mark.parametrize("cached", [False, True], ids=["", "cache"])
-def test_a_file_of_the_users_is_not_replaced(cached, corners, crew):
+def test_a_file_of_the_users_is_not_replaced(cached, corners, pool):
     """A copy of a picture that would have the name of another file gets another."""
     if cached:
         make(BAKE, None, cache="cache")
@@ -360,7 +360,7 @@ def test_files_of_one_name_are_told_apart_whatever_ends_first(tmp_path):
     assert sum(name.startswith("wood-") for name in first) == 3
 
 
-def test_a_time_that_all_files_have_hides_no_change(made, rings, crew):
+def test_a_time_that_all_files_have_hides_no_change(made, rings, pool):
     """Reproducible archives give every file the same one."""
     before = (rings / "a.obj").read_bytes()
     after = before.replace(b"v 1.", b"v 2.", 1)
@@ -373,7 +373,7 @@ def test_a_time_that_all_files_have_hides_no_change(made, rings, crew):
     assert became == "made"
 
 
-def test_an_output_that_is_a_link_is_replaced(made, rings, crew):
+def test_an_output_that_is_a_link_is_replaced(made, rings, pool):
     """As a move replaces it; what it led to stays."""
     (rings.parent / "elsewhere.json").write_text("mine")
     (made / "a_spheres.json").unlink()
@@ -383,14 +383,14 @@ def test_an_output_that_is_a_link_is_replaced(made, rings, crew):
     assert (rings.parent / "elsewhere.json").read_text() == "mine"
 
 
-def test_what_cannot_be_placed_whole_is_not_placed(rings, crew):
+def test_what_cannot_be_placed_whole_is_not_placed(rings, pool):
     """A folder has the name of the last file."""
     (rings.parent / "out/a_spheres.json/full").mkdir(parents=True)
     assert make(BAKE) == {"a": "failed", "b": "made"}
     assert not [name for name in contents(rings.parent / "out") if name.startswith("a_")]
 
 
-def test_pruning_reads_each_record_a_few_times_however_many_there_are(rings, crew, monkeypatch):
+def test_pruning_reads_each_record_a_few_times_however_many_there_are(rings, pool, monkeypatch):
     for number in range(6):
         write_ring(rings / f"more/{number}.obj", 0.2 + 0.05 * number)
     make()
@@ -402,7 +402,7 @@ def test_pruning_reads_each_record_a_few_times_however_many_there_are(rings, cre
     assert max(Counter(reads).values()) <= 4
 
 
-def test_a_report_does_not_say_where_it_was_made(rings, crew):
+def test_a_report_does_not_say_where_it_was_made(rings, pool):
     """It names results and the mesh by their way from its own folder, also in warnings."""
     reports = []
     for folder in ("one", "other"):

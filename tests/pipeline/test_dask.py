@@ -295,9 +295,9 @@ def test_jobs_share_the_cores_of_their_machine():
 
 
 def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
-    crew = workers.DaskPool(FakeClient(sees_folder=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
+    pool = workers.DaskPool(FakeClient(sees_folder=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
     with pytest.raises(AoprecalcError, match="not all workers see"):
-        next(crew.run([FakeJob(tmp_path)]))
+        next(pool.run([FakeJob(tmp_path)]))
 
 
 class FakeJob:
