@@ -7,7 +7,7 @@ import pytest
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.io import load_scene
 
-KINDS = ("obj", "ply", "stl", "off", "gltf", "glb")
+KINDS = ("obj", "ply", "stl", "off", "gltf", "glb", "dae", "3mf")
 
 
 def test_an_unknown_extension_names_the_known_ones(save):
