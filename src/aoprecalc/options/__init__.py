@@ -3,7 +3,7 @@
 `fields` says how an option is stated; each class here states the options of one command.
 """
 
-from aoprecalc.options.bake import (
+from aoprecalc.options.bake import (  # fmt: skip
     LARGE_MESH,
     Backend,
     BakeOptions,
@@ -22,25 +22,7 @@ from aoprecalc.options.bake import (
 from aoprecalc.options.others import BatchOptions, CompareOptions, Init, Method, Radius, Ship, SphereOptions
 
 __all__ = [
-    "LARGE_MESH",
-    "Backend",
-    "BakeOptions",
-    "BatchOptions",
-    "BitDepth",
-    "CompareOptions",
-    "Estimator",
-    "Fill",
-    "Init",
-    "Instances",
-    "LightOptions",
-    "Method",
-    "Normals",
-    "Pack",
-    "Radius",
-    "Sampling",
-    "Ship",
-    "SphereOptions",
-    "Unwrap",
-    "Up",
-    "VerifyOptions",
-]
+    "LARGE_MESH", "Backend", "BakeOptions", "BatchOptions", "BitDepth", "CompareOptions", "Estimator", "Fill", "Init",
+    "Instances", "LightOptions", "Method", "Normals", "Pack", "Radius", "Sampling", "Ship", "SphereOptions", "Unwrap",
+    "Up", "VerifyOptions",
+]  # fmt: skip

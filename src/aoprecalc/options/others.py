@@ -1,6 +1,7 @@
 """Options of `spheres`, `compare` and `batch`."""
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -12,88 +13,51 @@ Init = Literal["first", "kmeans++"]
 Method = Literal["lloyd", "algebraic", "shadow", "collision"]
 Ship = Literal["auto", "folder", "bytes"]
 
+_spheres = partial(Option, group="Spheres")
+_samples = partial(Option, group="Samples")
+_measurement = partial(Option, group="Measurement")
+_run = partial(Option, group="Run")
+_cache = partial(Option, group="Cache")
+_cluster = partial(Option, group="Cluster")
+
+# fmt: off
+# One paragraph an option: its type, help, range, what the documentation adds, and its default.
+
 
 @documented
 @dataclass(frozen=True)
 class SphereOptions(Validated):
     """How to fit spheres to a mesh."""
 
-    spheres: Annotated[
-        int,
-        Option("Number of spheres; exactly as many are fitted.", short="-n", group="Spheres", range=(1, 1_000_000)),
-    ] = 100
-    samples: Annotated[
-        int,
-        Option(
-            "Points drawn from the surface.",
-            short="-s",
-            more="There must be at least as many as spheres.",
-            group="Samples",
-            range=(1, 100_000_000),
-        ),
-    ] = 100_000
-    seed: Annotated[
-        int, Option("Seed of the samples and of every random choice.", group="Samples", range=(0, 2**32 - 1))
-    ] = 0
-    radius: Annotated[
-        Radius,
-        Option(
-            "mean or largest (cover) distance of a sphere's samples, or one mean for all (uniform).",
-            more="For lloyd and algebraic; the mean is the root mean square for algebraic.",
-            group="Spheres",
-        ),
-    ] = "mean"
-    init: Annotated[
-        Init,
-        Option(
-            "Start at the first samples, or at samples that are far apart (kmeans++).",
-            more="For lloyd and algebraic.",
-            group="Spheres",
-        ),
-    ] = "first"
-    max_iterations: Annotated[
-        int,
-        Option(
-            "Stop after this many iterations even if not converged.",
-            more='For lloyd and algebraic; a warning says so, and `"converged"` is false.',
-            group="Spheres",
-            range=(1, 1_000_000),
-        ),
-    ] = 1000
-    method: Annotated[
-        Method,
-        Option(
-            "Cluster means (lloyd), least squares (algebraic), best silhouettes (shadow), or spheres that contain the "
-            "whole surface (collision).",
-            more="For soft shadows shadow is the best; lloyd and algebraic are the source's.",
-            group="Spheres",
-        ),
-    ] = "lloyd"
-    tolerance: Annotated[
-        float | None,
-        Option(
-            "Find the smallest number of spheres whose error is at most E, instead of `spheres`.",
-            more="The error is 1 - silhouette IoU for shadow and collision, the mean surface error over the diagonal "
-            "for lloyd and algebraic. The number, at most 4096 and a tenth of the samples, is found by doubling and "
-            "halving; one sphere less, which was tried, has a larger error.",
-            group="Spheres",
-            range=(0, 1),
-            metavar="E",
-            default_text="take `spheres`",
-            instead_of="spheres",
-        ),
-    ] = None
-    levels: Annotated[
-        tuple[int, ...],
-        Option(
-            "Fit several sets, coarse to fine, instead of `spheres` (JSON only).",
-            more="Numbers of spheres, ascending, such as 8,32,128. Every sphere of a finer set names its parent in the "
-            "coarser one, which lies about it but need not contain it.",
-            group="Spheres",
-            quantity=LEVELS,
-            instead_of="spheres",
-        ),
-    ] = ()
+    spheres: Annotated[int, _spheres(
+        "Number of spheres; exactly as many are fitted.", "-n", range=(1, 1_000_000))] = 100
+    samples: Annotated[int, _samples(
+        "Points drawn from the surface.", "-s", range=(1, 100_000_000),
+        more="There must be at least as many as spheres.")] = 100_000
+    seed: Annotated[int, _samples("Seed of the samples and of every random choice.", range=(0, 2**32 - 1))] = 0
+    radius: Annotated[Radius, _spheres(
+        "mean or largest (cover) distance of a sphere's samples, or one mean for all (uniform).",
+        more="For lloyd and algebraic; the mean is the root mean square for algebraic.")] = "mean"
+    init: Annotated[Init, _spheres(
+        "Start at the first samples, or at samples that are far apart (kmeans++).",
+        more="For lloyd and algebraic.")] = "first"
+    max_iterations: Annotated[int, _spheres(
+        "Stop after this many iterations even if not converged.", range=(1, 1_000_000),
+        more='For lloyd and algebraic; a warning says so, and `"converged"` is false.')] = 1000
+    method: Annotated[Method, _spheres(
+        "Cluster means (lloyd), least squares (algebraic), best silhouettes (shadow), or spheres that contain the "
+        "whole surface (collision).",
+        more="For soft shadows shadow is the best; lloyd and algebraic are the source's.")] = "lloyd"
+    tolerance: Annotated[float | None, _spheres(
+        "Find the smallest number of spheres whose error is at most E, instead of `spheres`.", range=(0, 1),
+        metavar="E", default_text="take `spheres`", instead_of="spheres",
+        more="The error is 1 - silhouette IoU for shadow and collision, the mean surface error over the "
+        "diagonal for lloyd and algebraic. The number, at most 4096 and a tenth of the samples, is found by "
+        "doubling and halving; one sphere less, which was tried, has a larger error.")] = None
+    levels: Annotated[tuple[int, ...], _spheres(
+        "Fit several sets, coarse to fine, instead of `spheres` (JSON only).", quantity=LEVELS, instead_of="spheres",
+        more="Numbers of spheres, ascending, such as 8,32,128. Every sphere of a finer set names its parent in "
+        "the coarser one, which lies about it but need not contain it.")] = ()
 
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong, or where two contradict each other."""
@@ -127,16 +91,10 @@ class SphereOptions(Validated):
 class CompareOptions(Validated):
     """How to compare two results."""
 
-    tolerance: Annotated[
-        float,
-        Option(
-            "Largest difference that passes; beyond it the exit code is 1.",
-            more="The outputs stay. The default is less than an eye sees, and leaves room for another version of Mesa.",
-            group="Measurement",
-            range=(0, 1),
-            metavar="E",
-        ),
-    ] = 0.005
+    tolerance: Annotated[float, _measurement(
+        "Largest difference that passes; beyond it the exit code is 1.", range=(0, 1), metavar="E",
+        more="The outputs stay. The default is less than an eye sees, and leaves room for another version of "
+        "Mesa.")] = 0.005
 
 
 @documented
@@ -144,82 +102,32 @@ class CompareOptions(Validated):
 class BatchOptions(Validated):
     """How to work through many meshes."""
 
-    jobs: Annotated[
-        int,
-        Option(
-            "Meshes at a time, each in a process of its own; 0: by the cores and the memory.",
-            short="-j",
-            more="0 is one a core, if there is a GiB of memory for each. Cores beyond that are shared out.",
-            group="Run",
-            range=(0, 4096),
-        ),
-    ] = 0
-    timeout: Annotated[
-        float | None,
-        Option(
-            "Give up a mesh that takes longer than this.",
-            group="Run",
-            range=(0, 10_000_000),
-            above_min=True,
-            unit="seconds",
-            metavar="SECONDS",
-            default_text="no limit",
-        ),
-    ] = None
-    retries: Annotated[
-        int,
-        Option(
-            "Further tries for a mesh whose process died.",
-            more="It may have crashed, or have been killed because memory ran out.",
-            group="Run",
-            range=(0, 100),
-        ),
-    ] = 1
-    fail_fast: Annotated[
-        bool, Option("Stop at the first failure, or go on with the others.", group="Run", off="--keep-going")
-    ] = False
-    force: Annotated[bool, Option("Make everything again, whatever is there already.", group="Run")] = False
-    prune: Annotated[
-        bool,
-        Option(
-            "Remove what earlier batches made of meshes that are no longer among these.",
-            more="Files that were changed since stay.",
-            group="Run",
-        ),
-    ] = False
-    cache_size: Annotated[
-        int,
-        Option(
-            "Prune the cache to this size, least recently used results first.",
-            more="This happens after a batch that added to it, every ten minutes at most.",
-            group="Cache",
-            range=(1, 1 << 50),
-            unit="bytes",
-            quantity=BYTES,
-            default_text="10G",
-        ),
-    ] = 10 << 30
-    scheduler: Annotated[
-        str | None,
-        Option(
-            "Work on the Dask cluster of this scheduler, such as tcp://host:8786.",
-            group="Cluster",
-            metavar="ADDRESS",
-            default_text="work on this machine",
-        ),
-    ] = None
-    ship: Annotated[
-        Ship,
-        Option(
-            "How files get to the workers and back: through a folder that they share, or as bytes over the network.",
-            more="auto: folder, if all workers see the output folder under the same path.",
-            group="Cluster",
-        ),
-    ] = "auto"
-    split: Annotated[
-        bool,
-        Option("Divide the visibility of each bake among the workers, one mesh after the other.", group="Cluster"),
-    ] = False
+    jobs: Annotated[int, _run(
+        "Meshes at a time, each in a process of its own; 0: by the cores and the memory.", "-j", range=(0, 4096),
+        more="0 is one a core, if there is a GiB of memory for each. Cores beyond that are shared out.")] = 0
+    timeout: Annotated[float | None, _run(
+        "Give up a mesh that takes longer than this.", range=(0, 10_000_000), above_min=True, unit="seconds",
+        metavar="SECONDS", default_text="no limit")] = None
+    retries: Annotated[int, _run(
+        "Further tries for a mesh whose process died.", range=(0, 100),
+        more="It may have crashed, or have been killed because memory ran out.")] = 1
+    fail_fast: Annotated[bool, _run("Stop at the first failure, or go on with the others.", off="--keep-going")] = False
+    force: Annotated[bool, _run("Make everything again, whatever is there already.")] = False
+    prune: Annotated[bool, _run(
+        "Remove what earlier batches made of meshes that are no longer among these.",
+        more="Files that were changed since stay.")] = False
+    cache_size: Annotated[int, _cache(
+        "Prune the cache to this size, least recently used results first.", range=(1, 1 << 50), unit="bytes",
+        default_text="10G", quantity=BYTES,
+        more="This happens after a batch that added to it, every ten minutes at most.")] = 10 << 30
+    scheduler: Annotated[str | None, _cluster(
+        "Work on the Dask cluster of this scheduler, such as tcp://host:8786.", metavar="ADDRESS",
+        default_text="work on this machine")] = None
+    ship: Annotated[Ship, _cluster(
+        "How files get to the workers and back: through a folder that they share, or as bytes over the network.",
+        more="auto: folder, if all workers see the output folder under the same path.")] = "auto"
+    split: Annotated[bool, _cluster(
+        "Divide the visibility of each bake among the workers, one mesh after the other.")] = False
 
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
