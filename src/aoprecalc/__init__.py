@@ -58,8 +58,8 @@ if TYPE_CHECKING:
     from aoprecalc.api.compare import CompareReport, compare
     from aoprecalc.api.doctor import DoctorReport, doctor
     from aoprecalc.api.mesh import Mesh, load
-    from aoprecalc.api.reports import BakeReport
-    from aoprecalc.api.spheres import SphereQuality, SphereResult, fit_spheres, load_spheres, measure_spheres
+    from aoprecalc.api.reports import BakeReport, SphereQuality
+    from aoprecalc.api.spheres import SphereResult, fit_spheres, load_spheres, measure_spheres
     from aoprecalc.api.verify import VerifyReport, verify
     from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, RendererError, UsageError
     from aoprecalc.options import BakeOptions, BatchOptions, CompareOptions, SphereOptions, VerifyOptions
@@ -72,8 +72,8 @@ else:
         "api.compare": ("CompareReport", "compare"),
         "api.doctor": ("DoctorReport", "doctor"),
         "api.mesh": ("Mesh", "load"),
-        "api.reports": ("BakeReport",),
-        "api.spheres": ("SphereQuality", "SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
+        "api.reports": ("BakeReport", "SphereQuality"),
+        "api.spheres": ("SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
         "api.verify": ("VerifyReport", "verify"),
         "errors": ("AoprecalcError", "ArgumentError", "InputError", "OutputError", "RendererError", "UsageError"),
         "options": ("BakeOptions", "BatchOptions", "CompareOptions", "SphereOptions", "VerifyOptions"),

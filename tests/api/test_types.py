@@ -31,6 +31,7 @@ for source in (mesh, "car.glb", trimesh.Trimesh()):
     files = result.save("build/")
     texture = result.ao
     uvs, normals = result.mesh.uvs, result.mesh.normals
+    count = result.mesh.uvs.shape[0] + result.mesh.ao.size
     error, mean, warnings = result.report.error, result.report.ao.mean, result.report.warnings
     parts, verified = result.report.parts, result.report.verify
 spheres = ao.fit_spheres(mesh, ao.SphereOptions(64, method="shadow"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.io import load_scene, scene_from_arrays
 
 
@@ -50,5 +50,5 @@ def test_values_at_vertices_come_to_the_corners(cube):
 )
 def test_errors_name_the_argument(cube, argument, changed):
     arrays = {"vertices": cube[0], "faces": cube[3]} | changed
-    with pytest.raises(InputError, match=rf"^(vertices, )?{argument}\b"):
+    with pytest.raises((ArgumentError, InputError), match=rf"^(vertices, )?{argument}\b"):
         scene_from_arrays(**arrays)

@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from aoprecalc.api.bake_scene import bake_report, bake_scene
-from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, baked_mesh
+from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, warn_of_shared_uvs
 from aoprecalc.io import (
@@ -50,15 +50,15 @@ class BakeResult:
         Ambient occlusion in [0, 1], 1 is open; row 0 is v = 1. Padded and filled, see `BakeOptions`.
     valid : ndarray, (H, W) bool
         Texels that the surface covers and whose value was measured.
-    mesh : Mesh
-        The mesh with the UVs (F, 3, 2) of the texture and the normals (F, 3, 3) that were used.
+    mesh : BakedMesh
+        The `Mesh` with the UVs (F, 3, 2) of the texture and the normals (F, 3, 3) that were used.
     report : BakeReport
         What was chosen and measured.
     """
 
     ao: Float32Array = field(repr=False)
     valid: BoolArray = field(repr=False)
-    mesh: Mesh
+    mesh: BakedMesh
     report: BakeReport
     _baked: Baked = field(repr=False)
     _options: BakeOptions = field(repr=False)
@@ -171,8 +171,9 @@ def bake(
     report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), warnings)
     for line in warnings:
         progress.warn(line)
-    result = baked_mesh(mesh, baked.scene, output_uvs(baked.scene, baked.atlas), baked.normals, baked.texture.values)
-    return BakeResult(baked.texture.values, baked.texture.valid, result, report, baked, options)
+    ao = baked.texture.values
+    textured = BakedMesh.of(mesh, baked.scene, output_uvs(baked.scene, baked.atlas), baked.normals, ao)
+    return BakeResult(ao, baked.texture.valid, textured, report, baked, options)
 
 
 # From file to files, as the command line and the batch do it.

@@ -2,16 +2,15 @@
 
 import re
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Any, Self, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import AoprecalcError, ArgumentError
-from aoprecalc.io import load_scene, scene_from_arrays
+from aoprecalc.io import load_scene, scene_from_arrays, texture_values
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float32Array, Float64Array, Int32Array, Scene
 
@@ -90,20 +89,11 @@ class Mesh:
         """Check the arrays and copy them."""
         if not isinstance(name, str) or not re.fullmatch(r"[^/\\\0]+", name):
             raise ArgumentError("name", f"is {name!r}, a file name without slashes was expected")
-        points = numbers("vertices", vertices, ("V", 3))
-        triangles = indices("faces", faces, ("F", 3), len(points))
-        sizes = len(points), (len(triangles), 3)
-        scene = scene_from_arrays(
-            points,
-            triangles,
-            normals=None if normals is None else _per_corner("normals", normals, 3, sizes),
-            uvs=None if uvs is None else _per_corner("uvs", uvs, 2, sizes),
-            name=name,
-        )
-        self._set(scene, points, triangles, name)
+        scene = scene_from_arrays(vertices, faces, normals=normals, uvs=uvs, name=name)
+        self._set(scene, np.array(vertices, np.float64), np.array(faces, np.int32), name)
 
     @classmethod
-    def _of(cls, scene: Scene, vertices: Float64Array, faces: Int32Array, name: str, ao: Float32Array | None) -> "Mesh":
+    def _of(cls, scene: Scene, vertices: Float64Array, faces: Int32Array, name: str, ao: Float32Array | None) -> Self:
         mesh = cls.__new__(cls)
         mesh._set(scene, vertices, faces, name, ao)
         return mesh
@@ -198,6 +188,24 @@ class Mesh:
         )
 
 
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class BakedMesh(Mesh):
+    """The mesh of a bake, which has normals, UVs and a texture."""
+
+    normals: Float32Array
+    uvs: Float64Array
+    ao: Float32Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, scene: Scene, uvs: Float64Array, normals: Float32Array, ao: Float32Array) -> Self:
+        """Return a mesh with the texture, its UVs and the normals that were used, without the rest of its file.
+
+        scene   of the mesh, with the roles of its parts
+        """
+        own = replace(scene, format="", uv_sets=(uvs,), normals=normals, document=None, warnings=(), ground_normal=None)
+        return cls._of(own, mesh.vertices, mesh.faces, mesh.name, ao)
+
+
 def load(path: str | PathLike[str]) -> Mesh:
     """Read a mesh file.
 
@@ -233,76 +241,6 @@ def as_mesh(mesh: MeshLike) -> Mesh:
     if _is_trimesh(mesh):
         return Mesh.from_trimesh(mesh)
     raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, a Mesh, a path or a trimesh.Trimesh was expected")
-
-
-def baked_mesh(mesh: Mesh, scene: Scene, uvs: Float64Array, normals: Float32Array, ao: Float32Array) -> Mesh:
-    """Return the mesh of a bake: with the texture, its UVs and the normals that were used, without the file's rest.
-
-    scene   of the mesh, with the roles of its parts
-    """
-    plain = replace(scene, format="", uv_sets=(uvs,), normals=normals, document=None, warnings=(), ground_normal=None)
-    return Mesh._of(plain, mesh.vertices, mesh.faces, mesh.name, ao)
-
-
-# Checks of arguments; each error begins with the argument's name.
-
-Shape = tuple[str | int, ...]  # letters stand for any size
-
-
-def numbers(argument: str, values: ArrayLike, *shapes: Shape) -> Float64Array:
-    """Return finite real numbers of one of the shapes as a new float64 array; raises ArgumentError for others."""
-    array = _array(argument, values, shapes)
-    if array.dtype.kind not in "iuf" and array.size:
-        raise ArgumentError(argument, f"has the dtype {array.dtype}, real numbers were expected")
-    with np.errstate(over="ignore"):
-        result: Float64Array = array.astype(np.float64)
-    if not np.isfinite(result).all():
-        first = tuple(np.argwhere(~np.isfinite(result))[0].tolist())
-        raise ArgumentError(argument, f"is {result[first]} at {list(first)}, finite numbers were expected")
-    return result
-
-
-def indices(argument: str, values: ArrayLike, shape: Shape, count: int) -> Int32Array:
-    """Return indices below `count` as a new int32 array; raises ArgumentError for others."""
-    array = _array(argument, values, (shape,))
-    if array.dtype.kind not in "iu":
-        raise ArgumentError(argument, f"has the dtype {array.dtype}, integers were expected")
-    wrong = array[(array < 0) | (array >= count)]
-    if wrong.size:
-        raise ArgumentError(argument, f"refers to vertex {wrong[0]}, indices from 0 to {count - 1} were expected")
-    return array.astype(np.int32)
-
-
-def texture_values(argument: str, values: ArrayLike) -> Float32Array:
-    """Return a texture in [0, 1], (h, w) float32, from numbers, or from unsigned integers over their whole range."""
-    array = numbers(argument, values, ("H", "W"), ("H", "W", 1))
-    if not array.size:
-        raise ArgumentError(argument, f"has the shape {array.shape}, at least one texel was expected")
-    dtype = np.asarray(values).dtype
-    if dtype.kind == "u":
-        array /= np.iinfo(dtype).max
-    if array.min() < 0 or array.max() > 1:
-        low, high = array.min(), array.max()
-        raise ArgumentError(argument, f"has values from {low:g} to {high:g}, 0 to 1 were expected; divide them")
-    return array.reshape(array.shape[:2]).astype(np.float32)
-
-
-def _array(argument: str, values: ArrayLike, shapes: Sequence[Shape]) -> NDArray[Any]:
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(argument, f"is no array of numbers ({error}), one was expected") from error
-    for shape in shapes:
-        same = (isinstance(size, str) or size == found for size, found in zip(shape, array.shape, strict=False))
-        if len(shape) == array.ndim and all(same):
-            return array
-    expected = " or ".join(f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})" for shape in shapes)
-    raise ArgumentError(argument, f"has the shape {array.shape}, {expected} was expected")
-
-
-def _per_corner(argument: str, values: ArrayLike, width: int, sizes: tuple[int, tuple[int, int]]) -> Float64Array:
-    vertices, (faces, corners) = sizes
-    return numbers(argument, values, (vertices, width), (faces, corners, width))
 
 
 def _is_trimesh(mesh: object) -> bool:

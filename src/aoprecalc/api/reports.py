@@ -60,8 +60,7 @@ class LevelErrors(Report):
 
     level           0 is full resolution
     rmse, bias      root mean square, and mean (positive where the texture is too bright)
-    p50, p95, p99   percentiles of the absolute error
-    max             greatest absolute error
+    p50 to max      percentiles of the absolute error, and its greatest value
     """
 
     level: int
@@ -208,7 +207,6 @@ class BakeReport(Document):
         Path (or name), counts, and whether the mesh is watertight.
     parts : tuple of PartRoles
     outputs : BakeOutputs
-        Paths of the files, once saved.
     renderer, backend : str
         Name of the OpenGL implementation or ray tracer; ``"gl"`` or ``"ray"``.
     directions : int
@@ -255,3 +253,51 @@ class BakeReport(Document):
     def error(self) -> float | None:
         """Estimated RMS sampling error of a texel; None where too few directions tell it (up to 128)."""
         return self.estimated_error
+
+
+# Sphere sets.
+
+
+@dataclass(frozen=True)
+class SphereQuality(Report):
+    """How well spheres stand in for a mesh.
+
+    Attributes
+    ----------
+    radius_min, radius_mean, radius_max, radius_deviation : float
+        Of the radii, in the mesh's units; the last one is the standard deviation.
+    inertia : float
+        Sum over the surface samples of the squared distance to the nearest centre, over the squared diagonal of the
+        mesh's bounding box.
+    surface_error_mean, surface_error_p95, surface_error_max : float
+        Distance of the samples from the surface of the nearest sphere, over the diagonal.
+    coverage : float
+        Share of the samples inside some sphere, 0 to 1.
+    silhouette_iou, silhouette_iou_min : float
+        Intersection over union of the silhouettes of mesh and spheres, 0 to 1: mean and worst of 32 views.
+    leak, spill, area_bias : float or None
+        Mesh silhouette not covered by spheres, sphere silhouette outside the mesh's, and silhouette area of the
+        spheres less the mesh's, all over the area of the mesh's; None for a mesh too thin to cover a pixel.
+    overlap : float
+        Mean number of spheres at a point of their union, at least 1.
+    inside_volume, outside_volume : float or None
+        Volume of the spheres inside and outside a watertight mesh, over its volume; None for other meshes.
+    """
+
+    radius_min: float
+    radius_mean: float
+    radius_max: float
+    radius_deviation: float
+    inertia: float
+    surface_error_mean: float
+    surface_error_p95: float
+    surface_error_max: float
+    coverage: float
+    silhouette_iou: float
+    silhouette_iou_min: float
+    leak: float | None = field(default=None, metadata=OMIT_NONE)
+    spill: float | None = field(default=None, metadata=OMIT_NONE)
+    area_bias: float | None = field(default=None, metadata=OMIT_NONE)
+    overlap: float = 1.0
+    inside_volume: float | None = field(default=None, metadata=OMIT_NONE)
+    outside_volume: float | None = field(default=None, metadata=OMIT_NONE)

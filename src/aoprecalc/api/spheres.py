@@ -10,61 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.mesh import MeshLike, as_mesh, numbers
-from aoprecalc.api.reports import OMIT_NONE, Report
+from aoprecalc.api.mesh import MeshLike, as_mesh
+from aoprecalc.api.reports import SphereQuality
 from aoprecalc.errors import ArgumentError, InputError
-from aoprecalc.io import Outputs, load_scene, source_files
+from aoprecalc.io import Outputs, load_scene, numbers, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.types import Float64Array, Scene, SphereSet
-
-
-@dataclass(frozen=True)
-class SphereQuality(Report):
-    """How well spheres stand in for a mesh.
-
-    Attributes
-    ----------
-    radius_min, radius_mean, radius_max, radius_deviation : float
-        Of the radii, in the mesh's units; the last is their standard deviation.
-    inertia : float
-        Sum over the surface samples of the squared distance to the nearest centre, over the squared diagonal of the
-        mesh's bounding box.
-    surface_error_mean, surface_error_p95, surface_error_max : float
-        Distance of the samples from the surface of the nearest sphere, over the diagonal.
-    coverage : float
-        Share of the samples inside some sphere, 0 to 1.
-    silhouette_iou, silhouette_iou_min : float
-        Intersection over union of the silhouettes of mesh and spheres, 0 to 1: mean and worst of 32 views.
-    leak, spill, area_bias : float or None
-        Mesh silhouette not covered by spheres, sphere silhouette outside the mesh's, and silhouette area of the
-        spheres less the mesh's, all over the area of the mesh's; None for a mesh too thin to cover a pixel.
-    overlap : float
-        Mean number of spheres at a point of their union, at least 1.
-    inside_volume, outside_volume : float or None
-        Volume of the spheres inside and outside a watertight mesh, over its volume; None for other meshes.
-    """
-
-    radius_min: float
-    radius_mean: float
-    radius_max: float
-    radius_deviation: float
-    inertia: float
-    surface_error_mean: float
-    surface_error_p95: float
-    surface_error_max: float
-    coverage: float
-    silhouette_iou: float
-    silhouette_iou_min: float
-    leak: float | None = field(default=None, metadata=OMIT_NONE)
-    spill: float | None = field(default=None, metadata=OMIT_NONE)
-    area_bias: float | None = field(default=None, metadata=OMIT_NONE)
-    overlap: float = 1.0
-    inside_volume: float | None = field(default=None, metadata=OMIT_NONE)
-    outside_volume: float | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, texture_values
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
 from aoprecalc.errors import ArgumentError, InputError
-from aoprecalc.io import OcclusionTexture, Outputs, choose_bit_depth, find_occlusion, source_files, write_colors
+from aoprecalc.io import (
+    OcclusionTexture,
+    Outputs,
+    choose_bit_depth,
+    find_occlusion,
+    source_files,
+    texture_values,
+    write_colors,
+)
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles

@@ -1,6 +1,6 @@
 """Meshes, images and sphere sets on disk."""
 
-from aoprecalc.io.formats.builder import scene_from_arrays
+from aoprecalc.io.formats.arrays import numbers, scene_from_arrays, texture_values
 from aoprecalc.io.images import IMAGE_EXTENSIONS, choose_bit_depth, read_image, write_colors, write_image
 from aoprecalc.io.meshes import (
     MESH_EXTENSIONS,
@@ -27,10 +27,12 @@ __all__ = [
     "find_occlusion",
     "input_files",
     "load_scene",
+    "numbers",
     "output_mesh_extension",
     "read_image",
     "scene_from_arrays",
     "source_files",
+    "texture_values",
     "write_baked_mesh",
     "write_colors",
     "write_image",

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError
+from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo
-from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.off import OffFormat

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.topology import unique_rows
-from aoprecalc.types import Atlas, Float32Array, Float64Array, Material, Part, Scene
+from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 
 
 def damaged_file(path: Path, found: str) -> InputError:
@@ -109,87 +108,6 @@ def build_scene(
         document=document,
         warnings=tuple(warnings),
     )
-
-
-class ArraysFormat(MeshFormat):
-    """The format of scenes that come from arrays (Scene.format is empty): no file; written as GLB."""
-
-    name = "arrays"
-    extensions = ()
-
-    def sniff(self, data: bytes) -> bool:
-        """Return False: no file has this format."""
-        return False
-
-    def read(self, path: Path, data: bytes) -> Scene:
-        """Raise InputError: there is nothing to read."""
-        raise InputError(f"{path}: is no mesh file")
-
-    def source_files(self, scene: Scene) -> list[Path]:
-        """Return nothing."""
-        return []
-
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
-        """Return .glb."""
-        return ".glb", ""
-
-
-def scene_from_arrays(
-    vertices: ArrayLike,
-    faces: ArrayLike,
-    *,
-    normals: ArrayLike | None = None,
-    uvs: ArrayLike | None = None,
-    name: str = "mesh",
-) -> Scene:
-    """Make a checked Scene of one part from arrays, exactly as a file reader does: equal positions are welded.
-
-    vertices  (v, 3) finite numbers
-    faces     (f, 3) integers into vertices, f >= 1, counter-clockwise seen from the front
-    normals   (v, 3) at the vertices or (f, 3, 3) at the corners, of any length; NaN where there is none
-    uvs       (v, 2) at the vertices or (f, 3, 2) at the corners, v upwards; NaN where there are none
-    name      of the part, and of the scene where a path is shown
-
-    Scene.format is empty, for no file was read. Raises InputError whose text begins with the names of the arguments.
-    """
-    positions = _array("vertices", vertices, np.float64)
-    triangles = _array("faces", faces, np.int64)
-    if positions.ndim != 2 or positions.shape[1] != 3:
-        raise InputError(f"vertices: has the shape {positions.shape}, (n, 3) was expected")
-    if triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise InputError(f"faces: has the shape {triangles.shape}, (n, 3) was expected; split polygons into triangles")
-    wrong = triangles[(triangles < 0) | (triangles >= len(positions))]
-    if wrong.size:
-        raise InputError(f"faces: refers to vertex {wrong[0]}, but there are {len(positions)} (counted from 0)")
-    at_corners = {
-        argument: _corner_values(argument, values, width, positions, triangles)
-        for argument, values, width in (("normals", normals, 3), ("uvs", uvs, 2))
-        if values is not None
-    }
-    uv_sets = (at_corners["uvs"],) if "uvs" in at_corners else ()
-    piece = MeshPiece(name, positions, triangles, at_corners.get("normals"), uv_sets)
-    return build_scene(Path(name), "", [piece], label="vertices, faces")
-
-
-def _array(argument: str, values: ArrayLike, dtype: type) -> NDArray[Any]:
-    array = np.asarray(values)
-    kinds = "iu" if dtype is np.int64 else "iuf"
-    if array.size and array.dtype.kind not in kinds:
-        expected = "integers" if dtype is np.int64 else "real numbers"
-        raise InputError(f"{argument}: has the dtype {array.dtype}, {expected} were expected")
-    return array.astype(dtype)
-
-
-def _corner_values(
-    argument: str, values: ArrayLike, width: int, positions: Float64Array, triangles: NDArray[np.int64]
-) -> Float64Array:
-    """Return (f, 3, width) values at the corners from values at vertices or corners."""
-    array = _array(argument, values, np.float64)
-    shapes = (len(positions), width), (len(triangles), 3, width)
-    if array.shape not in shapes:
-        expected = f"{shapes[0]} at the vertices or {shapes[1]} at the corners of the faces"
-        raise InputError(f"{argument}: has the shape {array.shape}, {expected} was expected")
-    return array if array.ndim == 3 else array[triangles]
 
 
 def _weld(pieces: Sequence[MeshPiece]) -> tuple[Float64Array, NDArray[np.intp]]:
