@@ -9,6 +9,8 @@ all derived from that field. Standard library only, so that `--help` is instant.
 import re
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
+from functools import cache
+from inspect import get_annotations
 from math import inf
 from numbers import Integral, Real
 from textwrap import wrap
@@ -17,6 +19,17 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from aoprecalc.errors import ArgumentError
 
 Kind = Literal["flag", "choice", "names", "integers", "size", "integer", "number", "text"]
+# Kind of value -> its type in docstrings, what is expected in messages.
+_WORDS: dict[Kind, tuple[str, str]] = {
+    "flag": ("bool", "true or false"),
+    "choice": ("{{{choices}}}", "one of {choices}"),
+    "names": ("tuple of str", "a list of names"),
+    "integers": ("tuple of int", "a list of whole numbers"),
+    "size": ("int or (int, int)", "a whole number{bounds}, or a width and a height"),
+    "integer": ("int", "a whole number{bounds}"),
+    "number": ("float", "a number{bounds}"),
+    "text": ("str", "a text"),
+}
 OptionsClass = TypeVar("OptionsClass", bound=type[Any])
 
 
@@ -112,16 +125,7 @@ class OptionField:
         if self.option.range is not None:
             low, high = self.option.range
             bounds = f" above {low}, at most {high}" if self.option.above_min else f" from {low} to {high}"
-        return {
-            "flag": "true or false",
-            "choice": f"one of {', '.join(self.choices)}",
-            "names": "a list of names",
-            "integers": "a list of whole numbers",
-            "size": f"a whole number{bounds}, or a width and a height",
-            "integer": f"a whole number{bounds}",
-            "number": f"a number{bounds}",
-            "text": "a text",
-        }[self.kind]
+        return _WORDS[self.kind][1].format(bounds=bounds, choices=", ".join(self.choices))
 
     def check(self, value: Any) -> Any:
         """Return a value as its type; NumPy's numbers become Python's, lists tuples. Raises ArgumentError."""
@@ -186,34 +190,22 @@ class OptionField:
         return int(value) if whole else value if isinstance(value, int) else float(value)
 
 
-_FIELDS: dict[type, tuple[OptionField, ...]] = {}
-
-
-def option_fields(kind: type) -> tuple[OptionField, ...]:
-    """Return the options of an options class: those of no field first, then those of its bases, then its own."""
-    if kind not in _FIELDS:
-        _FIELDS[kind] = _read_fields(kind)
-    return _FIELDS[kind]
-
-
 def _read_fields(kind: type) -> tuple[OptionField, ...]:
+    """Return the options of an options class: those of no field first, then those of its bases, then its own."""
     found: dict[str, OptionField] = {}
     for base in reversed(kind.__mro__):
-        for name, hint in vars(base).get("__annotations__", {}).items():
+        for name, hint in get_annotations(base).items():
             init_only = isinstance(hint, InitVar)
             bare, *metadata = get_args(hint.type if init_only else hint)
             types = get_args(bare) if type(None) in get_args(bare) else (bare,)
             plain = [entry for entry in types if entry is not type(None)]
             parts = tuple(field.default for field in found.values() if field.option.part_of == name)
-            found[name] = OptionField(
-                name=name,
-                type=plain[0] if len(plain) == 1 else bare,
-                optional=len(plain) < len(types),
-                default=parts or getattr(kind, name),
-                init_only=init_only,
-                option=metadata[0],
-            )
+            type_, optional = plain[0] if len(plain) == 1 else bare, len(plain) < len(types)
+            found[name] = OptionField(name, type_, optional, parts or getattr(kind, name), init_only, metadata[0])
     return tuple(sorted(found.values(), key=lambda field: not field.init_only))
+
+
+option_fields: Callable[[type], tuple[OptionField, ...]] = cache(_read_fields)
 
 
 def option_field(kind: type, name: str) -> OptionField:
@@ -262,18 +254,9 @@ def details(field: OptionField) -> str:
 
 
 def _type_text(field: OptionField) -> str:
-    texts = {
-        "flag": "bool",
-        "choice": f"{{{', '.join(map(repr, field.choices))}}}",
-        "names": "tuple of str",
-        "integers": "tuple of int",
-        "size": "int or (int, int)",
-        "integer": "int",
-        "number": "float",
-        "text": "str",
-    }
+    text = _WORDS[field.kind][0].format(choices=", ".join(map(repr, field.choices)))
     unit = f" ({field.option.unit})" if field.option.unit else ""
-    return f"{texts[field.kind]}{unit}{' or None' if field.optional and not field.init_only else ''}"
+    return f"{text}{unit}{' or None' if field.optional and not field.init_only else ''}"
 
 
 def _default_text(field: OptionField) -> str:
