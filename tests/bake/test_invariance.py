@@ -11,10 +11,9 @@ from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster import samples
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.visibility import backend
-from aoprecalc.visibility import depth_maps as near_far
+from aoprecalc.visibility import backend, setup
+from aoprecalc.visibility import depth_maps as depth_maps
 from aoprecalc.visibility import gather as gathering
-from aoprecalc.visibility import setup as texels_per_chunk
 from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
 slow = pytest.mark.slow
@@ -90,7 +89,7 @@ def test_the_same_bytes_run_after_run(baseline):
 
 
 def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
-    monkeypatch.setattr(near_far, "_TARGET_BYTES", 1)  # one map at a time
+    monkeypatch.setattr(depth_maps, "_MAX_BATCH_BYTES", 1)  # one map at a time
     monkeypatch.setattr(samples, "BAND_TEXELS", 7 * 96)
     assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
 
@@ -100,12 +99,12 @@ def test_portions_change_no_bit(kind, monkeypatch):
     """Of which the last is smaller, and whose texels lie in some bands only."""
     made = scene(*still_life())
     options = BakeOptions(96, 96, directions=130, shadow_size=128, backend=kind)
-    monkeypatch.setattr(texels_per_chunk, "FIT_CHUNK", 1000)
+    monkeypatch.setattr(setup, "FIT_CHUNK", 1000)
     monkeypatch.setattr(gathering, "FIT_CHUNK", 1000)
     monkeypatch.setattr(samples, "BAND_TEXELS", 20 * 96)
     pictures = []
     for parts in (100, 3, 1):
-        monkeypatch.setattr(texels_per_chunk, "_MOST_PARTS", parts)
+        monkeypatch.setattr(setup, "_MAX_FIT_CHUNKS", parts)
         pictures.append(bake_scene(made, options).texture.values.tobytes())
     assert pictures[0] == pictures[1] == pictures[2]
 
@@ -116,12 +115,12 @@ def test_runs_of_small_triangles_change_no_bit(monkeypatch):
     made = scene(*join(dented(3), quad((-2, -2, -1.2), (4, 0, 0), (0, 4, 0), cells=9)))
     options = BakeOptions(width=96, height=96, directions=130, shadow_size=128)
     whole = bake_scene(made, options).texture.values
-    monkeypatch.setattr(near_far, "_RUN", 64)
+    monkeypatch.setattr(depth_maps, "_MAX_SMALL_TRIANGLES", 64)
     assert bake_scene(made, options).texture.values.tobytes() == whole.tobytes()
     pictures = []
     for most_bytes in (1 << 25, 1):
-        monkeypatch.setattr(near_far, "_SMALL", 7.0)
-        monkeypatch.setattr(near_far, "_TARGET_BYTES", most_bytes)
+        monkeypatch.setattr(depth_maps, "_SMALL", 7.0)
+        monkeypatch.setattr(depth_maps, "_MAX_BATCH_BYTES", most_bytes)
         pictures.append(bake_scene(made, options).texture.values.tobytes())
     assert pictures[0] == pictures[1]
 
@@ -133,7 +132,7 @@ def test_looking_through_small_triangles_finds_what_a_rasteriser_finds(monkeypat
     options = BakeOptions(width=96, height=96, directions=128, shadow_size=128)
     pictures = []
     for small in (0.0, 16.0, 1000.0):  # none, all but the floor, all
-        monkeypatch.setattr(near_far, "_SMALL", small)
+        monkeypatch.setattr(depth_maps, "_SMALL", small)
         pictures.append(bake_scene(made, options).texture.values)
     assert pictures[0].std() > 0.1
     assert np.abs(pictures[1] - pictures[0]).mean() < 1e-5

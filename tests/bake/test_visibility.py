@@ -1,4 +1,4 @@
-"""Both observers against a slow reference: rays against every triangle, for the same points and axes."""
+"""Both testers against a slow reference: rays against every triangle, for the same points and axes."""
 
 import numpy as np
 import pytest

@@ -73,7 +73,7 @@ def bake_scene(
             size,
             options.width * options.height,
             len(texels),
-            maps=8 * shadow_size**2,
+            map_bytes=8 * shadow_size**2,
             triangles=len(setup.sides[0].surface.occluders),
         )
         passes = sum(len(chunks(len(side.texels), chunk_size)) for side in setup.sides)

@@ -1,7 +1,7 @@
 // A texel that the surface covers in part, but not at its sample: takes the point of the border, within the texel's
-// square, that is nearest to the sample, and from there a little way into the face. On the border itself, at a crease, a
-// point would lie in the very wall that ought to hide it. Depth is the distance from the sample, so the nearest border
-// wins, and any triangle before it. samples.py says what the constants mean; scanline.py follows the same rules.
+// square, that is nearest to the sample, moved a little into the face. On the border itself, at a crease, a point would lie
+// in the very wall that ought to hide it. Depth grows with the distance from the sample, so the nearest border wins, and
+// any triangle before it. samples.py explains the constants; cpu_rasterizer.py follows the same rules.
 
 uniform vec2 sample_at;
 uniform vec2 origin;
@@ -18,7 +18,7 @@ void main() {
     vec2 low = square + INSET, high = square + 1.0 - INSET;
     vec2 along = end - start;
 
-    // The part of the border inside the square, by its two slabs.
+    // Clip the border to the square, slab by slab.
     float enter = 0.0, leave = 1.0;
     for (int axis = 0; axis < 2; axis++) {
         if (abs(along[axis]) < 1e-9) {
@@ -31,14 +31,14 @@ void main() {
     }
     if (enter > leave) discard;
 
-    vec2 wanted = square + sample_at;
-    float t = clamp(dot(wanted - start, along) / max(dot(along, along), 1e-20), enter, leave);
+    vec2 target = square + sample_at;
+    float t = clamp(dot(target - start, along) / max(dot(along, along), 1e-20), enter, leave);
     vec2 inward = apex - (start + t * along);
     float height = abs(along.x * inward.y - along.y * inward.x) / max(length(along), 1e-9);
-    float share = min(DEEPEST, min(INWARD / max(height, 1e-9), ASIDE / max(length(inward), 1e-9)));
+    float share = min(MAX_SHARE, min(OFFSET / max(height, 1e-9), MAX_MOVE / max(length(inward), 1e-9)));
     vec3 weights = vec3(share);
     weights[corner] = (1.0 - share) * (1.0 - t);
     weights[(corner + 1) % 3] = (1.0 - share) * t;
     surface = vec4(face + 1.0, weights.yz, 0.0);
-    gl_FragDepth = BORDER_DEPTH + DISTANCE_DEPTH * distance(wanted, start + t * along);
+    gl_FragDepth = BORDER_DEPTH + DEPTH_PER_TEXEL * distance(target, start + t * along);
 }

@@ -1,4 +1,4 @@
-// A border drawn so wide that every texel whose square it touches gets a fragment. GRID: see triangle.vert.glsl.
+// A border, drawn wide enough that every texel whose square it touches gets a fragment. GRID: see triangle.vert.glsl.
 
 const float REACH = 0.75;  // more than half a texel's diagonal
 

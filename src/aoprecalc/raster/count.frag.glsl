@@ -1,4 +1,4 @@
-// Added up: how many triangles lie over the sample.
+// Blended by addition: the number of triangles over the sample.
 
 out float count;
 

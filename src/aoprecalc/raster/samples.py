@@ -1,4 +1,4 @@
-"""The Z-order curve (G. M. Morton, 1966): an order in which neighbours in space are mostly neighbours in memory."""
+"""What both rasterizers of texture space share: surface samples, the order of texels, bands, and the border rules."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -6,54 +6,40 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
+from aoprecalc.types import BoolArray, Float32Array, Int32Array, Int64Array, Texels
 
-_BITS = 11  # of a coordinate
-
-
-def morton_codes(cells: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return where cells, (n, d) whole numbers in 0 .. 2047, d at most 5, come along the curve, (n,) int64."""
-    places: NDArray[np.int64] = np.zeros(len(cells), np.int64)
-    count = cells.shape[1]
-    for axis in range(count):
-        for bit in range(_BITS):
-            places |= (cells[:, axis].astype(np.int64) >> bit & 1) << (bit * count + axis)
-    return places
-
-
-# What both rasterisers agree on: what a sample is, how the texture is cut into bands, and the rules' numbers.
-
-GRID = 256  # steps a texel: rasterisers snap corners to it
-CENTER = (0.5, 0.5)  # where a texel is sampled to tell whether it is covered
+GRID = 256  # subpixel steps in a texel, to which rasterizers snap corners
+CENTER = (0.5, 0.5)  # where a texel is sampled to decide whether it is covered
 
 # Borders, in texels unless said otherwise.
-INSET = 1.0 / 512.0  # a border that runs along a square's side covers nothing of it
-INWARD = 0.2  # a border's sample lies this far from the border, inside the face, but
-ASIDE = 0.4  # it moves no further than this to get there, and
-DEEPEST = 0.3  # no further than this share of the way to the face's third corner
-# Depth, in [0, 1], of a border's sample: the first at no distance from where it was wanted, the second more each texel.
+INSET = 1.0 / 512.0  # shrinks a texel's square, so that a border along its side does not cover it
+BORDER_OFFSET = 0.2  # distance of a border's sample from the border, inside the face, limited by
+MAX_MOVE = 0.4  # the distance that it moves to get there, and
+MAX_SHARE = 0.3  # the share of the way to the face's third corner
+# Depth in [0, 1] of a border's sample: at the texel's sample, and more for each texel of distance from it.
 BORDER_DEPTH = 0.01  # triangles have depth 0
-DISTANCE_DEPTH = 0.4
+DEPTH_PER_TEXEL = 0.4
 
-# The same numbers under the names that the shaders know them by.
+# The same numbers under their names in the shaders.
 BORDER_RULES = {
     "INSET": INSET,
-    "INWARD": INWARD,
-    "ASIDE": ASIDE,
-    "DEEPEST": DEEPEST,
+    "OFFSET": BORDER_OFFSET,
+    "MAX_MOVE": MAX_MOVE,
+    "MAX_SHARE": MAX_SHARE,
     "BORDER_DEPTH": BORDER_DEPTH,
-    "DISTANCE_DEPTH": DISTANCE_DEPTH,
+    "DEPTH_PER_TEXEL": DEPTH_PER_TEXEL,
 }
 
 BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory
 _BLOCK = 16  # texels a side; measured: the gather is a tenth to a quarter faster than in rows
+_MORTON_BITS = 11  # of a coordinate
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Where on the surface the sample of each covered texel lies.
+    """Surface points, one for each of k texels.
 
-    faces     (k,) int32, -1 where the texel has no sample at this spot
+    faces     (k,) int32, -1 where the texel has no sample
     weights   (k, 3) float32, barycentric, >= 0, sum 1; (1, 0, 0) where there is no sample
     """
 
@@ -62,10 +48,10 @@ class Samples:
 
 
 def keep_faces(samples: Samples, faces: BoolArray) -> Samples:
-    """Return the samples without those that lie on other faces than these, (f,) bool."""
-    away = (samples.faces < 0) | ~faces[samples.faces]
-    weights = np.where(away[:, None], np.array((1, 0, 0), np.float32), samples.weights)
-    return Samples(np.where(away, np.int32(-1), samples.faces), weights)
+    """Drop the samples on faces that are not in the mask, (f,) bool."""
+    dropped = (samples.faces < 0) | ~faces[samples.faces]
+    weights = np.where(dropped[:, None], np.array((1, 0, 0), np.float32), samples.weights)
+    return Samples(np.where(dropped, np.int32(-1), samples.faces), weights)
 
 
 class Rasterizer(Protocol):
@@ -80,12 +66,12 @@ class Rasterizer(Protocol):
         ...
 
     def samples(self, texels: Texels, sample_at: tuple[float, float]) -> Samples:
-        """Return what lies under `texels`, in any order, at `sample_at` in [0, 1)^2 of their squares."""
+        """Return the surface under `texels`, in any order, at `sample_at` in [0, 1)^2 of their squares."""
         ...
 
 
 def row_bands(width: int, height: int) -> list[tuple[int, int]]:
-    """Cut a texture into runs of whole rows that are drawn at a time: the first row of each, and how many there are.
+    """Cut a texture into bands of whole rows: the first row of each, and the number of rows.
 
     Each has at most BAND_TEXELS texels, or one row. Only the last may have fewer rows than the first.
     """
@@ -93,16 +79,29 @@ def row_bands(width: int, height: int) -> list[tuple[int, int]]:
     return [(row, min(rows, height - row)) for row in range(0, height, rows)]
 
 
-def order_in_blocks(index: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Order texels by squares of the picture along a Z-order curve: neighbours read the same part of a map."""
-    row, column = (at // _BLOCK for at in np.divmod(index, width))
-    across = -(-width // _BLOCK)
-    blocks = np.column_stack(np.divmod(np.arange(across * (int(row.max(initial=0)) + 1)), across))
-    return index[np.argsort(morton_codes(blocks)[row * across + column], kind="stable")]
+def order_in_blocks(index: Int64Array, width: int) -> Int64Array:
+    """Sort texels by square blocks along a Z-order curve, so that neighbours read the same part of a depth map."""
+    row, column = (position // _BLOCK for position in np.divmod(index, width))
+    columns = -(-width // _BLOCK)
+    blocks = np.column_stack(np.divmod(np.arange(columns * (int(row.max(initial=0)) + 1)), columns))
+    return index[np.argsort(morton_codes(blocks)[row * columns + column], kind="stable")]
+
+
+def morton_codes(cells: NDArray[np.integer]) -> Int64Array:
+    """Return the positions of cells along the Z-order curve, (n,) int64 (G. M. Morton, 1966).
+
+    cells   (n, d) integers in 0 .. 2047, d at most 5
+    """
+    codes: Int64Array = np.zeros(len(cells), np.int64)
+    dimensions = cells.shape[1]
+    for axis in range(dimensions):
+        for bit in range(_MORTON_BITS):
+            codes |= (cells[:, axis].astype(np.int64) >> bit & 1) << (bit * dimensions + axis)
+    return codes
 
 
 def clamp_barycentric(weights: Float32Array) -> Float32Array:
-    """Return all three weights, (n, 3), of points moved onto their face, from (2, n): those of the last two corners."""
+    """Move points onto their faces: all three weights, (n, 3), from those of the last two corners, (2, n)."""
     second, third = np.maximum(weights, 0)
     total = np.maximum(1, second + third)
     second, third = second / total, third / total

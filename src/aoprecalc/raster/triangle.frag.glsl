@@ -1,4 +1,4 @@
-// Which face lies under the sample, and where: the weights of its second and third corner.
+// The face under the sample, plus 1, and the barycentric weights of its second and third corner.
 
 uniform vec2 sample_at;
 uniform vec2 origin;
@@ -14,8 +14,8 @@ float area(vec2 u, vec2 v) {
 }
 
 void main() {
-    vec2 wanted = floor(gl_FragCoord.xy) + origin + sample_at - a;
+    vec2 target = floor(gl_FragCoord.xy) + origin + sample_at - a;
     float whole = area(b - a, c - a);
-    vec2 weights = vec2(area(wanted, c - a), area(b - a, wanted)) / (whole == 0.0 ? 1.0 : whole);
+    vec2 weights = vec2(area(target, c - a), area(b - a, target)) / (whole == 0.0 ? 1.0 : whole);
     surface = vec4(face + 1.0, weights, 0.0);
 }

@@ -1,7 +1,7 @@
-// A chart's triangle, moved so that its fragments are taken at `sample_at` in each texel's square instead of the centre.
-
-// GRID: see samples.py. Rasterisers snap to it; snapping first makes the result the same in every band, but for triangles
-// that a band's border cuts: where the cut's corners are snapped, an edge may move by a hair.
+// A triangle of the atlas, moved so that fragments are sampled at `sample_at` in each texel's square, not at its centre.
+//
+// Rasterisers snap vertices to the grid (GRID, see samples.py). Snapping first makes the result the same in every band,
+// except that an edge may move slightly in triangles that the edge of a band clips, as clipped corners are snapped again.
 
 uniform vec2 sample_at;  // in [0, 1)^2
 uniform vec2 origin;     // first texel of the band

@@ -1,4 +1,4 @@
-"""What tells which directions the samples on a surface see. There are two kinds: by maps and by rays."""
+"""What a bake runs on: depth maps in OpenGL, or rays where there is none or where they are asked for."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,22 +19,20 @@ from aoprecalc.visibility.rays import RayTester, embreex_problem, require_embree
 
 
 class VisibilityTester(Protocol):
-    """Measures visibility for samples, again and again."""
+    """Tests samples of one surface for visibility, any number of times."""
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return what k samples see along (a, 3) axes, (k, 2) float32 sums over both directions of each.
+        """Return the cosine weights of k samples, summed over both directions of (a, 3) axes, (k, 2) float32.
 
-        The first is of max(0, n.w) [g.w > 0] visible(w), the second is the same without visible(w); both are 0 where
-        there is no sample. Directions done are counted on `progress`, two an axis.
+        The first is the sum of max(0, n.w) [g.w > 0] visible(w), the integrand of Précalcul, equation 1.1.1.1; the
+        second is the same without visible(w). Both are 0 where there is no sample. Directions done are counted on
+        `progress`, two for each axis.
         """
         ...
 
 
-# What a bake runs on: OpenGL, or rays where there is none or where they are asked for.
-
-
 class Backend(Protocol):
-    """Makes the two things that differ: what samples texels, and what sees from the samples.
+    """Makes the two things that differ: the rasterizer of texture space, and the visibility tester.
 
     kind   gl or ray
     name   of the OpenGL renderer, or of the ray tracer
@@ -44,15 +42,15 @@ class Backend(Protocol):
     name: str
 
     def check_size(self, options: BakeOptions) -> None:
-        """Raise UsageError for sizes that are beyond the backend."""
+        """Raise UsageError for a texture size beyond the backend."""
         ...
 
     def rasterizer(self, layout: Layout) -> Rasterizer:
-        """Return what finds the surface under the texels of a layout."""
+        """Return a rasterizer of a layout."""
         ...
 
-    def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
-        """Return what measures the visibility of up to `most` samples at a time; only maps have a `shadow_size`."""
+    def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
+        """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any."""
         ...
 
     def check_errors(self) -> None:
@@ -71,7 +69,7 @@ class GLBackend:
         self.name = renderer.name
 
     def check_size(self, options: BakeOptions) -> None:
-        """Hold the texture to the greatest of the renderer's; its maps never reach that."""
+        """Raise UsageError for a texture beyond the renderer's limit; the band that is drawn never reaches it."""
         limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
         size = max(options.width, options.height)
         if size > limit:
@@ -83,13 +81,13 @@ class GLBackend:
             )
 
     def rasterizer(self, layout: Layout) -> Rasterizer:
-        """Return a Raster."""
+        """Return a GLRasterizer."""
         return GLRasterizer(self._renderer.context, layout)
 
-    def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
-        """Return a MapObserver."""
-        self._renderer.context.gc()  # what an observer that is gone has held
-        return DepthMapTester(self._renderer, surface, most, shadow_size)
+    def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
+        """Return a DepthMapTester."""
+        self._renderer.context.gc()  # frees what an earlier tester has allocated
+        return DepthMapTester(self._renderer, surface, max_samples, shadow_size)
 
     def check_errors(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
@@ -104,28 +102,28 @@ class RayBackend:
     name = "Embree"
 
     def __init__(self, threads: int) -> None:
-        """Cast rays by `threads`, 0 is one a core. Raises RendererError where embreex is not installed."""
+        """Cast rays on `threads` threads, 0 is one for each core. Raises RendererError where embreex is missing."""
         self._threads = threads
         require_embreex()
 
     def check_size(self, options: BakeOptions) -> None:
-        """Take any size."""
+        """Accept any size."""
 
     def rasterizer(self, layout: Layout) -> Rasterizer:
         """Return a CPURasterizer."""
         return CPURasterizer(layout)
 
-    def tester(self, surface: NormalizedSurface, most: int, shadow_size: int) -> VisibilityTester:
-        """Return a RayObserver."""
+    def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
+        """Return a RayTester."""
         return RayTester(surface, self._threads)
 
     def check_errors(self) -> None:
-        """Find nothing wrong: rays raise their errors at once."""
+        """Do nothing: rays raise their errors at once."""
 
 
 @contextmanager
 def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
-    """Open the backend that is asked for; auto is gl, else ray if it is installed, which is said.
+    """Open the backend that `options` ask for; auto is gl, else ray with a note if it is installed.
 
     Raises RendererError where there is none.
     """

@@ -1,5 +1,5 @@
-// Blended with MAX: the first target keeps the occluder nearest to the axis' positive end, the second to its negative
-// end, where depths count the other way and slopes as in the first.
+// Blended with MAX: the first target keeps the occluder nearest to the axis' positive end, the second the one nearest to
+// its negative end. There depths count the other way, and slopes as in the first.
 
 #include "map_code.glsl"
 

@@ -1,14 +1,14 @@
-// Large occluders seen along several axes at once: one instance an axis.
+// Large occluders, rasterised into the maps of several axes at once: one instance for each axis.
 
 #include "map_code.glsl"
-#include "near_far.glsl"
+#include "projection.glsl"
 
 uniform vec2 target_size;  // map texels
 
 in vec3 in_position;
-in vec3 in_normal;  // of the triangle's plane, of any length but 0
+in vec3 in_normal;  // of the plane of the triangle, not zero
 out float depth;
-flat out uint slopes;  // here, where they are the plane's own: fragments save a third of their time (measured)
+flat out uint slopes;  // of the plane, hence per vertex: fragments save a third of their time (measured)
 
 void main() {
     int axis = 5 * gl_InstanceID;

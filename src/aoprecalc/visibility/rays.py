@@ -1,4 +1,4 @@
-"""Triangles that stop rays."""
+"""Visibility by tracing rays with Embree: slower than depth maps, exact, and without OpenGL."""
 
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
@@ -13,14 +13,14 @@ from aoprecalc.raster.samples import Samples
 from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
-# Of the bounding radius: how far above its face a ray starts, so that it does not meet that face; 32-bit positions are
-# good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
+# How far above its face a ray starts, as a share of the bounding radius, so that it does not hit that face; 32-bit
+# positions are good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
 RAY_OFFSET = 1e-5
-_BLOCK = 1 << 18  # rays that a thread casts at a time
+_CHUNK_RAYS = 1 << 18  # that a thread casts at a time
 
 
 def embreex_problem() -> str | None:
-    """Return why rays cannot be cast here and what to do, or None where they can."""
+    """Return why rays cannot be traced here and what to do, or None where they can."""
     if find_spec("embreex") is None:
         return "embreex, which traces rays, is not installed; `pip install 'aoprecalc[ray]'`"
     try:
@@ -31,53 +31,50 @@ def embreex_problem() -> str | None:
 
 
 def require_embreex() -> None:
-    """Raise RendererError where rays cannot be cast."""
-    reason = embreex_problem()
-    if reason is not None:
-        raise RendererError(reason)
+    """Raise RendererError where rays cannot be traced."""
+    problem = embreex_problem()
+    if problem is not None:
+        raise RendererError(problem)
 
 
 class RayCaster:
     """The triangles of a mesh in an Embree scene; both their sides stop rays."""
 
     def __init__(self, corners: Float32Array, threads: int = 0) -> None:
-        """Build over triangles, (o, 3, 3) float32 corners; `threads` cast rays, 0 is one a core.
+        """Build over triangles, (o, 3, 3) float32 corners; `threads` cast rays, 0 is one for each core.
 
-        Raises RendererError where rays cannot be cast.
+        Raises RendererError where rays cannot be traced.
         """
         require_embreex()
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
         self._scene = EmbreeScene()
-        # The scene does not keep what it was made of alive.
+        # The scene does not keep its vertices alive.
         vertices = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
         self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
         self._threads = threads or whole_cores()
 
     def occluded(self, origins: Float32Array, directions: Float32Array) -> BoolArray:
-        """Return which of k rays meet a triangle, (k,) bool.
+        """Return which of k rays hit a triangle, (k,) bool.
 
         origins      (k, 3) float32
         directions   (k, 3) float32, or (1, 3) for parallel rays
         """
-        stopped = np.empty(len(origins), bool)
+        hits = np.empty(len(origins), bool)
 
         def cast(start: int) -> None:
-            part = slice(start, start + _BLOCK)
-            along = directions if len(directions) == 1 else directions[part]
-            stopped[part] = self._scene.run(origins[part], along, query="OCCLUDED") >= 0
+            chunk = slice(start, start + _CHUNK_RAYS)
+            along = directions if len(directions) == 1 else directions[chunk]
+            hits[chunk] = self._scene.run(origins[chunk], along, query="OCCLUDED") >= 0
 
         with ThreadPoolExecutor(self._threads) as pool:
-            list(pool.map(cast, range(0, len(origins), _BLOCK)))
-        return stopped
-
-
-# Visibility by tracing rays: slower than maps, exact, and without OpenGL.
+            list(pool.map(cast, range(0, len(origins), _CHUNK_RAYS)))
+        return hits
 
 
 class RayTester:
-    """An Observer that casts a ray from every sample along every direction in front of it."""
+    """A VisibilityTester that casts a ray from every sample along every direction in front of it."""
 
     def __init__(self, surface: NormalizedSurface, threads: int = 0) -> None:
         """Build the occluders. Raises RendererError where embreex is not installed."""
@@ -87,22 +84,22 @@ class RayTester:
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""
         there = np.flatnonzero(samples.faces >= 0)
-        places, normals, geometric = self._surface.interpolate(samples.faces[there], samples.weights[there])
-        origins = (places + RAY_OFFSET * geometric).astype(np.float32)
-        visible, whole = np.zeros(len(there)), np.zeros(len(there))
+        points, normals, geometric = self._surface.interpolate(samples.faces[there], samples.weights[there])
+        origins = (points + RAY_OFFSET * geometric).astype(np.float32)
+        visible, total = np.zeros(len(there)), np.zeros(len(there))
         for axis in axes:
-            g_along, n_along = geometric @ axis, normals @ axis
-            for towards in (1.0, -1.0):  # the end of the axis from which light comes
-                facing = np.flatnonzero((towards * g_along > 0) & (towards * n_along > 0))
-                weights = np.abs(n_along[facing])
-                direction = towards * axis
+            g_dot_axis, n_dot_axis = geometric @ axis, normals @ axis
+            for sign in (1.0, -1.0):
+                in_front = np.flatnonzero((sign * g_dot_axis > 0) & (sign * n_dot_axis > 0))
+                weights = np.abs(n_dot_axis[in_front])
+                direction = sign * axis
                 if self._surface.is_below_ground(direction):
-                    hidden = np.ones(len(facing), bool)
+                    occluded = np.ones(len(in_front), bool)
                 else:
-                    hidden = self._occluders.occluded(origins[facing], direction[None].astype(np.float32))
-                whole[facing] += weights
-                visible[facing] += np.where(hidden, 0, weights)
+                    occluded = self._occluders.occluded(origins[in_front], direction[None].astype(np.float32))
+                total[in_front] += weights
+                visible[in_front] += np.where(occluded, 0, weights)
                 progress.advance()
         sums = np.zeros((len(samples.faces), 2), np.float32)
-        sums[there] = np.column_stack([visible, whole])
+        sums[there] = np.column_stack([visible, total])
         return sums

@@ -1,4 +1,4 @@
-// Turns a sample, a face and a spot in it, into a point that receives light.
+// Interpolates the position and the shading normal of each sample (a face and barycentric weights): the receiver.
 
 #include "octahedral.glsl"
 
@@ -36,6 +36,6 @@ void main() {
     vec3 p = rest * position(corner) + weight.x * position(corner + 1u) + weight.y * position(corner + 2u);
     vec3 n = rest * normal(corner) + weight.x * normal(corner + 1u) + weight.y * normal(corner + 2u);
     vec3 g = vec3(face_normals[corner], face_normals[corner + 1u], face_normals[corner + 2u]);
-    if (dot(n, g) <= 0.0) n = g;  // a shading normal that leaves the surface's own side says nothing
+    if (dot(n, g) <= 0.0) n = g;  // a shading normal on the other side of the surface is not used
     points[texel] = uvec4(floatBitsToUint(p), packUnit(n));
 }

@@ -1,4 +1,4 @@
-"""How many texels are looked at at a time, which bounds memory; the result is the same, maps are drawn more often."""
+"""The setup of a bake (its texels, sides, axes), and how many texels fit in memory at a time."""
 
 import os
 import sys
@@ -14,58 +14,67 @@ from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene,
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
 
-FIT_CHUNK = 1 << 20  # texels that are fitted at a time, whatever the portion, so that no sum depends on it
-_MOST_PARTS = 8  # without a limit: drawing maps twice for 4096^2 texels takes a tenth longer, and saves 400 MB
+FIT_CHUNK = 1 << 20  # texels added to the least-squares image at a time, at any chunk size: no sum depends on that
 
-# Bytes that a bake takes beyond what it holds before it looks at anything; measured, on the high side.
-_OF_PICTURE = 36  # a texel of the picture: the fit's planes, and those of one spot
-_OF_COVERED = 24  # a texel that the surface covers: its index and the sums of both halves
-_OF_HELD = 60  # a texel of the portion: its sample, its receiver, its sums
-_OF_SOLVING = 76  # a texel of the picture, while the fit is solved and nothing is looked at
-_OF_HELD_BEFORE = 16  # a texel of the portion, then: what the system was not given back
-_OF_TRIANGLE = 400  # while occluders are sorted and uploaded
-_OF_MAPS = 1 << 26  # what a batch of maps takes, unless a single axis takes more
-_REST = 80 << 20  # that, and what the renderer compiles and keeps
-_DRIFT = 16  # megabytes by which what a process holds differs from one run to the next
+# Without a limit. More would save little time: rendering the maps twice for 4096^2 texels takes a tenth longer and
+# saves 400 MB.
+_MAX_FIT_CHUNKS = 8
+
+# Memory that a bake takes beyond what is resident before it; measured, rounded up. In bytes:
+_PER_TEXTURE_TEXEL = 36  # the planes of the least-squares image, and those of one offset
+_PER_COVERED_TEXEL = 24  # its index, and the sums of both halves
+_PER_CHUNK_TEXEL = 60  # its sample, its receiver, its sums
+_PER_TEXTURE_TEXEL_SOLVING = 76  # while the least-squares image is solved and no visibility is computed
+_PER_CHUNK_TEXEL_SOLVING = 16  # meanwhile: what the system was not given back
+_PER_TRIANGLE = 400  # while occluders are sorted and uploaded
+_MAPS = 1 << 26  # a batch of depth maps, unless a single axis takes more
+_REST = 80 << 20  # that batch, and what the renderer compiles and keeps
+_VARIATION = 16  # megabytes by which the resident memory differs from one run to the next
 
 
-def texels_per_chunk(limit: int | None, size: str, picture: int, covered: int, maps: int, triangles: int) -> int:
-    """Return the most texels that can be looked at at a time within `limit` bytes of memory; None is no limit.
+def texels_per_chunk(
+    memory_limit: int | None, size: str, texture_texels: int, covered_texels: int, map_bytes: int, triangles: int
+) -> int:
+    """Return how many texels can be processed at a time within `memory_limit` bytes; None is no limit.
 
-    It is a multiple of PART, or all that are covered.
-    size      of the picture, as it is called in messages
-    picture   how many texels it has, `covered` of them by the surface
-    maps      bytes of the near/far maps of one axis; triangles: of the mesh
-    Raises UsageError where not even PART texels fit.
+    It is a multiple of FIT_CHUNK, or all covered texels. The result of a bake does not depend on it; with smaller
+    chunks the depth maps are rendered more often.
+
+    size              of the texture, for messages
+    texture_texels    of which the surface covers `covered_texels`
+    map_bytes         of the depth maps of one axis
+    triangles         of the mesh
+    Raises UsageError where not even FIT_CHUNK texels fit.
     """
-    most = _MOST_PARTS * FIT_CHUNK
-    if limit is None:
-        return min(most, covered)
-    present = _resident() + _REST + max(0, maps - _OF_MAPS) + triangles * _OF_TRIANGLE
+    largest = _MAX_FIT_CHUNKS * FIT_CHUNK
+    if memory_limit is None:
+        return min(largest, covered_texels)
+    present = _resident() + _REST + max(0, map_bytes - _MAPS) + triangles * _PER_TRIANGLE
 
-    def need(held: int) -> int:
-        looking = picture * _OF_PICTURE + covered * _OF_COVERED + held * _OF_HELD
-        solving = picture * _OF_SOLVING + held * _OF_HELD_BEFORE
-        return present + max(looking, solving)
+    def needed(chunk: int) -> int:
+        gathering = texture_texels * _PER_TEXTURE_TEXEL + covered_texels * _PER_COVERED_TEXEL + chunk * _PER_CHUNK_TEXEL
+        solving = texture_texels * _PER_TEXTURE_TEXEL_SOLVING + chunk * _PER_CHUNK_TEXEL_SOLVING
+        return present + max(gathering, solving)
 
-    for held in range(most, 0, -FIT_CHUNK):
-        if need(min(held, covered)) <= limit:
-            return min(held, covered)
-    enough = (need(min(FIT_CHUNK, covered)) >> 20) + _DRIFT
+    for chunk in range(largest, 0, -FIT_CHUNK):
+        if needed(min(chunk, covered_texels)) <= memory_limit:
+            return min(chunk, covered_texels)
+    enough = (needed(min(FIT_CHUNK, covered_texels)) >> 20) + _VARIATION
     raise ArgumentError(
         "memory_limit",
-        f"is {limit >> 20}M; {size} texels of this mesh need {enough}M; use a higher limit or a smaller {{size}}",
+        f"is {memory_limit >> 20}M; {size} texels of this mesh need {enough}M; "
+        "use a higher limit or a smaller {size}",
         "size",
     )
 
 
-def chunks(count: int, texels_per_chunk: int) -> list[slice]:
-    """Cut `count` texels into runs of `portion`, the last one possibly shorter."""
-    return [slice(start, min(start + texels_per_chunk, count)) for start in range(0, count, texels_per_chunk)]
+def chunks(count: int, chunk_size: int) -> list[slice]:
+    """Cut `count` texels into chunks of `chunk_size`, the last one possibly smaller."""
+    return [slice(start, min(start + chunk_size, count)) for start in range(0, count, chunk_size)]
 
 
 def _resident() -> int:
-    """Bytes of memory that this process holds; where only that is told, the most that it has held.
+    """Return the resident memory of this process in bytes; where the system tells only its peak, that.
 
     Raises UsageError where the system tells neither.
     """
@@ -78,19 +87,16 @@ def _resident() -> int:
             raise ArgumentError(
                 "memory_limit", "needs to know how much memory is used, which this system does not tell; omit it"
             ) from error
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return most if sys.platform == "darwin" else most * 1024
-
-
-# A scene made ready to be looked at: where its texels lie, on which of its sides, and along which axes.
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak if sys.platform == "darwin" else peak * 1024
 
 
 @dataclass(frozen=True, eq=False)
 class BakeInputs:
-    """What is looked at and how, in plain values: whoever has them finds the same texels and sees the same.
+    """The plain values that determine a bake: every process that has them computes the same texels and sums.
 
-    scene     with the roles of its parts; its document does not matter
-    atlas     how the texture lies on it
+    scene     with the roles of its parts; its document is not used
+    atlas     the UVs of the texture
     normals   (f, 3, 3) float32: the shading normals at the corners
     options   of the bake
     """
@@ -103,11 +109,11 @@ class BakeInputs:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSide:
-    """One side of the surface.
+    """One side of the surface, front or back.
 
-    surface   turned so that this side is in front
-    texels    those that have a value on it
-    faces     (f,) bool: samples on others do not count; None: all count
+    surface   flipped so that this side is the front
+    texels    those that have a value on this side
+    faces     (f,) bool: samples on other faces do not count; None: all count
     """
 
     surface: NormalizedSurface
@@ -116,15 +122,16 @@ class SurfaceSide:
 
 
 class BakeSetup:
-    """A inputs on a backend.
+    """The inputs of a bake, ready to run on a backend.
 
-    axes     (a, 3) float64, in groups whose sums are added in their order
+    axes     (a, 3) float64 unit vectors
+    groups   slices of the axes, in the order in which their sums are added
     texels   all that the surface covers
-    sides    the front, and the back where some faces have one
+    sides    the front, and the back where some faces are two-sided
     """
 
     def __init__(self, backend: Backend, inputs: BakeInputs) -> None:
-        """Find the texels."""
+        """Rasterize the atlas to find the texels."""
         self.backend, self.inputs = backend, inputs
         scene, options = inputs.scene, inputs.options
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
@@ -132,17 +139,17 @@ class BakeSetup:
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()
         self.sides = [SurfaceSide(NormalizedSurface.from_scene(scene, inputs.normals), self.texels, None)]
-        backs = scene.two_sided & scene.receives
-        if backs.any() and len(self.texels):
+        two_sided = scene.two_sided & scene.receives
+        if two_sided.any() and len(self.texels):
             face = self._rasterizer.samples(self.texels, CENTER).faces
-            behind = self.texels.select((face < 0) | backs[face])
-            self.sides.append(SurfaceSide(self.sides[0].surface.flipped(), behind, backs))
+            texels = self.texels.select((face < 0) | two_sided[face])
+            self.sides.append(SurfaceSide(self.sides[0].surface.flipped(), texels, two_sided))
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
         return self._rasterizer.overlap()
 
-    def samples(self, side: SurfaceSide, held: slice, group: int) -> Samples:
-        """Return what lies under a run of a side's texels at the spot of a group of axes."""
-        samples = self._rasterizer.samples(side.texels.select(held), texel_offset(group))
+    def samples(self, side: SurfaceSide, chunk: slice, group: int) -> Samples:
+        """Return the surface samples of a chunk of a side's texels, at the texel offset of a group of axes."""
+        samples = self._rasterizer.samples(side.texels.select(chunk), texel_offset(group))
         return samples if side.faces is None else keep_faces(samples, side.faces)

@@ -1,8 +1,8 @@
-// How corners come into the maps of a batch of axes: one map an axis, in tiles.
+// Projection of corners into the maps of a batch of axes, one tile for each.
 
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 
-// Where a corner lies in its map, on the grid that rasterisers know, and its depth; the same in all kinds of shaders.
+// Position of a corner in its map, snapped to the grid of rasterisers, and its depth; bit-equal in all kinds of shaders.
 vec3 project(vec3 corner, int axis) {
     vec4 point = vec4(corner, 1.0);
     precise vec2 map = vec2(dot(rows[axis], point), dot(rows[axis + 1], point));
