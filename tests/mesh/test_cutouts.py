@@ -218,14 +218,14 @@ def test_what_is_opaque_is_not_parted():
 @pytest.mark.parametrize("budget", [4, 20, 300, 5000])
 def test_a_budget_is_kept_and_the_area_with_it(budget):
     made = card(clouds(3, (64, 64)))
-    pieces = opaque_triangles(made, budget=budget)
+    pieces = opaque_triangles(made, max_pieces=budget)
     assert budget / 8 < len(pieces) <= budget
     assert area(pieces) == pytest.approx(area(opaque_triangles(made)), rel=1e-3)
 
 
 @pytest.mark.parametrize("work", [4, 100, 1000])
 def test_where_all_cannot_be_looked_at_samples_tell_the_share(work, monkeypatch):
-    monkeypatch.setattr("aoprecalc.mesh.opaque_triangles._WORK", work)
+    monkeypatch.setattr("aoprecalc.mesh.opaque_triangles._MAX_NODES", work)
     needles = np.zeros((256, 256))
     needles[:, ::16] = needles[:, 1::16] = 1
     made = triangles(1, needles, count=100)
@@ -238,7 +238,7 @@ def test_copies_are_the_same_and_count(budget):
     positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     turned = [(positions @ rotation(seed) + 3 * seed, faces) for seed in range(49)]
     uvs = np.tile(quad_uvs((0, 0), (1, 1)), (49, 1, 1))
-    pieces = opaque_triangles(pierced(scene(*join(*turned)), disc(64), uvs), budget=budget)
+    pieces = opaque_triangles(pierced(scene(*join(*turned)), disc(64), uvs), max_pieces=budget)
     assert len(pieces) <= budget
     assert len(pieces) % 49 == 0
     middles = pieces.mean(axis=1)

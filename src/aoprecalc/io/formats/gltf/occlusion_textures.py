@@ -14,7 +14,7 @@ from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
 from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_image, texture_wraps
 from aoprecalc.io.formats.gltf.reader import PrimitiveSource
 from aoprecalc.io.images import png_bytes
-from aoprecalc.texture_lookup import wrapped
+from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
 VARIANTS = "KHR_materials_variants"
@@ -196,11 +196,9 @@ def _resize(values: Float32Array, height: int, width: int, wraps: tuple[Wrap, Wr
         old_size = values.shape[axis]
         if size == old_size:
             continue
-        position = (np.arange(size) + 0.5) / size * old_size - 0.5
-        first = np.floor(position).astype(np.int64)
-        weight = np.expand_dims((position - first).astype(np.float32), (1 - axis, 2))
-        ends = (values.take(wrapped(index, old_size, wrap), axis) for index in (first, first + 1))
-        values = next(ends) * (1 - weight) + next(ends) * weight
+        first, second, weight = bilinear_taps((np.arange(size) + 0.5) / size * old_size, old_size, wrap)
+        weight = np.expand_dims(weight.astype(np.float32), (1 - axis, 2))
+        values = values.take(first, axis) * (1 - weight) + values.take(second, axis) * weight
     return values
 
 
