@@ -1,11 +1,10 @@
 """The values that travel through a job, each an immutable record over NumPy arrays.
 
-    file -> Scene -> Atlas -> Texels -> visibility sums -> Texture -> files     (bake)
-    file -> Scene -> samples -> SphereSet -> files                              (spheres)
+    file | arrays -> Scene -> Atlas -> Texels -> visibility sums -> Texture -> files     (bake)
+    file | arrays -> Scene -> samples -> SphereSet -> files                              (spheres)
 
-Everything that differs along a seam (normals, UVs) is kept on the corners of faces, never on
-vertices, so that no step has to split or weld anything. Sizes in the docstrings: v distinct
-positions, f faces, k texels.
+Normals and UVs, which differ along seams, are stored at the corners of faces, never at vertices, so that no step has to
+split or weld anything. Sizes in the docstrings: v distinct positions, f faces, k texels.
 """
 
 from collections.abc import Iterable
@@ -23,18 +22,18 @@ Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Wrap = Literal["repeat", "mirror", "clamp"]
 
-REVERSED_WINDING = [0, 2, 1]  # corners of a face, where a mirrored placement would turn it inside out
+REVERSED_WINDING = [0, 2, 1]  # order of a face's corners under a mirroring transform
 
 
 @dataclass(frozen=True, eq=False)
 class AlphaMask:
-    """The holes of a part whose material cuts out what is too transparent.
+    """The alpha mask of a part's material (glTF alphaMode MASK).
 
-    alpha     (h, w) float32, row 0 at v = 1
-    uvs       (n, 3, 2) float64 at the corners of the part's faces, v upwards
-    factors   (n, 3) float64 at the corners: by what the picture's alpha is multiplied there
+    alpha     (h, w) float32 in [0, 1], row 0 at v = 1
+    uvs       (n, 3, 2) float64 at the corners of the part's n faces, v upwards
+    factors   (n, 3) float64 at the corners, by which the alpha is multiplied
     cutoff    there is a hole where the product is less
-    wraps     what the picture does beyond [0, 1] along u and v: repeat, mirror or clamp
+    wraps     the wrap modes along u and v, beyond [0, 1]
     """
 
     alpha: Float32Array
@@ -46,12 +45,12 @@ class AlphaMask:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """What light does at a part, as its material says.
+    """The properties of a part's material that matter to visibility.
 
-    transparent  light passes through
-    unlit    ambient light has no part in its colour
-    foliage  a thin sheet that is seen from both sides, such as a leaf
-    cutout   None where it has no holes
+    transparent   light passes through
+    unlit         its colour does not depend on light, so that it needs no ambient occlusion
+    foliage       a thin sheet that is visible from both sides, such as a leaf
+    alpha_mask    None where it has no holes
     """
 
     transparent: bool = False
@@ -62,20 +61,20 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A run of faces of a Scene that were one piece in the file (a group, a glTF primitive).
+    """Consecutive faces of a Scene that were one object in the file (a group, a glTF primitive).
 
-    name          as in the file, or made up
+    name          as in the file, or generated
     start, stop   the faces scene.faces[start:stop]
-    vertices      (stop - start, 3) int32: which of the piece's own vertices in the file stands at each corner
-    source        what the reader of that kind of file needs to find the piece again; opaque to others
-    names         what else a user may call it by: its groups, the nodes above it, its mesh, its material
-    material      what its material says
-    instance_of   the number of the first part that shows the same piece of the file elsewhere; None for that itself
-    duplicate_of  the same for parts that the file cannot tell apart; None for the first of them and where it can
+    vertices      (stop - start, 3) int32: the index of the file's own vertex at each corner, within the object
+    source        what the reader of the format needs to find the object again; opaque to others
+    names         other names that select it: its groups, the nodes above it, its mesh, its material
+    material      the material's properties
+    instance_of   index of the first part that is an instance of the same mesh; None for that part itself
+    duplicate_of  as instance_of, but only among parts that the file cannot tell apart, so that they share UVs
     receives      it gets ambient occlusion
-    occludes      it is in the light's way
-    two_sided     its texels have the larger of the two sides' values
-    uv_owner      the number of the part whose place in the texture it has; None where that is its own
+    occludes      it blocks light
+    two_sided     its texels have the greater of both sides' values
+    uv_owner      index of the part whose UV region it shares; None where it has its own
     """
 
     name: str
@@ -100,18 +99,18 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All triangles of one file, in world placement and in the file's units.
+    """All triangles of one file, in world space and in the file's units.
 
-    path       where it was read
-    format     lower-case extension without the dot: obj, ply, stl, off, gltf, glb
-    positions  (v, 3) float64: no two are equal, every one is used by a face, all finite
-    faces      (f, 3) int32 into positions, f >= 1, counter-clockwise seen from the front
-    normals    (f, 3, 3) float32, unit length: the shading normal at each corner; None where the file has none
-    uv_sets    each (f, 3, 2) float64, v upwards (v = 1 is the first row of the picture), (0, 0) where a face has none
-    parts      consecutive runs of faces that cover them all
-    document   the original file as its reader keeps it, for writing it back; opaque to others
-    warnings   lines that the user should see about the input
-    floor      the unit vector away from the endless floor that the scene stands on; None where there is none
+    path           the file
+    format         lower-case extension without the dot: obj, ply, stl, off, gltf, glb; empty for arrays
+    positions      (v, 3) float64, finite, distinct, each used by a face
+    faces          (f, 3) int32 indices into positions, f >= 1, counter-clockwise seen from the front
+    normals        (f, 3, 3) float32, unit length: the shading normal at each corner; None where the file has none
+    uv_sets        each (f, 3, 2) float64, v upwards (row 0 of an image is at v = 1), (0, 0) where a face has none
+    parts          consecutive faces that cover the scene
+    document       the original file as its reader keeps it, to write it back; opaque to others
+    warnings       lines for the user about the input
+    ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
     """
 
     path: Path
@@ -132,11 +131,11 @@ class Scene:
 
     @property
     def uvs(self) -> Float64Array | None:
-        """The first set of UVs; None where the file has none."""
+        """The first UV set, (f, 3, 2) float64; None where the file has none."""
         return self.uv_sets[0] if self.uv_sets else None
 
     def per_face(self, values: Iterable[bool]) -> BoolArray:
-        """Give each face what its part has, (f,) bool."""
+        """Return the value of each face's part, (f,) bool, from one value for each part."""
         sizes = [part.stop - part.start for part in self.parts]
         return np.repeat(np.fromiter(values, bool), sizes)
 
@@ -147,24 +146,24 @@ class Scene:
 
     @property
     def occludes(self) -> BoolArray:
-        """(f,) bool: the faces that are in the light's way, but for the holes of cut-outs."""
+        """(f,) bool: the faces that occlude, except in the holes of alpha masks."""
         return self.per_face(part.occludes for part in self.parts)
 
     @property
     def two_sided(self) -> BoolArray:
-        """(f,) bool: the faces whose texels have the larger of the two sides' values."""
+        """(f,) bool: the faces whose texels have the greater of both sides' values."""
         return self.per_face(part.two_sided for part in self.parts)
 
 
 @dataclass(frozen=True)
 class UvCheck:
-    """Whether a set of UVs can hold a bake.
+    """Whether a UV set of the file can hold a bake.
 
-    uv_set       its number
-    flat_faces   how many faces with area have none in UV space
-    tiles        on how many repeats of the texture, along an axis, a face lies at most
-    overlap      share of the covered texels that lie inside two triangles; None where something else ruled it out
-    fault        why it cannot, in words; empty where it can
+    uv_set       its index
+    flat_faces   number of faces that have area, but none in UV space
+    tiles        the most repeats of the texture, along an axis, that a face spans
+    overlap      share of the covered texels that lie inside two triangles, in [0, 1]; None if not measured
+    fault        why it cannot, in words; empty if it can
     """
 
     uv_set: int
@@ -176,16 +175,16 @@ class UvCheck:
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """Where each face lies in the texture.
+    """The UVs of a bake.
 
     method     keep, xatlas or uvunwrap
-    uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `wraps`
-    mapped     (f,) bool: faces that have a place of their own in the texture; those without area have none
-    charts     how many connected islands there are
-    wraps      some uvs lie outside [0, 1]: the texture repeats
-    gutter     texels kept free between charts when they were packed; None for UVs that were kept
-    uv_set     the number of the set that was kept; None for new UVs
-    checks     what was found about the file's own sets, as far as they were checked
+    uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `repeats`
+    mapped     (f,) bool: faces with UVs of their own; those without area, or that share another's, have none
+    charts     number of connected UV islands
+    repeats    some uvs lie outside [0, 1]: the texture repeats
+    gutter     texels kept free between charts by the packer; None for UVs that were kept
+    uv_set     index of the UV set that was kept; None for new UVs
+    checks     of the file's UV sets, as far as they were checked
     """
 
     method: str
@@ -200,10 +199,10 @@ class Atlas:
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """The texels that some part of the surface covers.
+    """The texels that the surface covers, at least in part.
 
     width, height   of the texture, in texels
-    index           (k,) int32, each once, in any order: row * width + column; row 0 is the picture's first (v = 1)
+    index           (k,) int32, distinct, in any order: row * width + column; row 0 is at v = 1
     """
 
     width: int
@@ -214,15 +213,15 @@ class Texels:
         return len(self.index)
 
     def select(self, chosen: slice | BoolArray) -> "Texels":
-        """Return those of a run, or of a (k,) mask."""
+        """Return those of a slice, or of a (k,) bool mask."""
         return Texels(self.width, self.height, self.index[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A finished picture of ambient occlusion.
+    """A finished ambient-occlusion texture.
 
-    values   (height, width) float32 in [0, 1], 1 = open; 0 where nothing was measured, padded or filled
+    values   (height, width) float32 in [0, 1], 1 is open; row 0 is at v = 1; 0 where not measured, padded or filled
     valid    (height, width) bool: texels that the surface covers and whose value was measured
     """
 
@@ -232,19 +231,19 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class Baked:
-    """What a bake makes of a scene.
+    """The result of a bake.
 
-    scene         that was baked, with the roles that its parts had
-    texture       the finished picture
-    atlas         the UVs that it belongs to
-    normals       (f, 3, 3) float32: the shading normals that were used
-    directions    light directions that were used
-    error         the estimated sampling error of a texel, RMS; None where it cannot be told (up to 128 directions)
-    unseen        the share of the measured texels that see next to no direction (below 0.01)
-    backend       gl or ray
-    renderer      what the OpenGL implementation, or the ray tracer, calls itself
-    shadow_size   side of the near/far maps in texels; None without maps
-    warnings      what the user should know about the result
+    scene           the scene, with the roles of its parts
+    texture         the finished texture
+    atlas           its UVs
+    normals         (f, 3, 3) float32: the shading normals that were used
+    directions      number of light directions that were used
+    sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
+    occluded_share  share of the measured texels that are (nearly) fully occluded: below 0.01
+    backend         gl or ray
+    renderer        name of the OpenGL renderer, or of the ray tracer
+    shadow_size     side of the depth maps in texels; None without maps
+    warnings        lines for the user about the result
     """
 
     scene: Scene
@@ -262,19 +261,19 @@ class Baked:
 
 @dataclass(frozen=True, eq=False)
 class SphereSet:
-    """Spheres that stand in for a mesh.
+    """Spheres that approximate a mesh.
 
     centers      (n, 3) float64, in the mesh's coordinates
     radii        (n,) float64, in the mesh's units
-    iterations   how many times every sample was given to its best sphere
-    converged    the last iteration changed no sample's sphere; true of shadow and collision, which take a fixed way
-    method       how the spheres were fitted: lloyd, algebraic, shadow or collision
-    radius_rule  how the radii were chosen: mean, uniform or cover; own for the methods that have their own
-    samples      how many surface samples were used
+    iterations   number of pairings of the samples with the spheres
+    converged    the last iteration changed no pairing; always true of shadow and collision
+    method       lloyd, algebraic, shadow or collision
+    radius_rule  mean, uniform or cover; own for the methods that have their own
+    samples      number of surface samples
     seed         of the samples and of every random choice
-    guarded      how often a guard decided instead of the least squares (algebraic)
+    guarded      how often a guard replaced the least-squares sphere (algebraic)
     coarser      the next coarser level, where there are several
-    parents      (n,) int32: the number of the coarser sphere to which each sphere belongs; None without a coarser level
+    parents      (n,) int32: index of the coarser sphere that each sphere belongs to; None without a coarser level
     """
 
     centers: Float64Array

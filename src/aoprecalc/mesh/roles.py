@@ -1,4 +1,4 @@
-"""Which parts of a scene receive light, and which are in its way."""
+"""The roles of parts: which receive ambient occlusion, and which occlude."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -9,17 +9,17 @@ from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.options import LightOptions
 from aoprecalc.types import Part, Scene
 
-_SHOWN = 5  # names, where one is wrong
+_MAX_NAMES = 5  # in an error about a wrong one
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) -> Scene:
-    """Return the scene with its floor, and its parts with what they do in the light, as options and looks want it.
+    """Return the scene with the ground plane and the roles of its parts, by options and materials.
 
-    share   instances of a piece have one place in the texture together
+    share   instances of a mesh share one UV region
 
-    Raises UsageError where a name is no part's and where the options leave nothing that receives, InputError where all
-    is unlit.
+    Raises UsageError where no part has a name and where the options leave no part that receives, InputError where all
+    parts are unlit.
     """
     for argument in ("only", "exclude", "occluders_only"):
         _require_known(scene.parts, argument, getattr(options, argument))
@@ -30,12 +30,12 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
 
 
 def _with_roles(part: Part, options: LightOptions) -> Part:
-    there = not _is_named(part, options.exclude)
-    receives = there and not part.material.unlit and not _is_named(part, options.occluders_only)
+    included = not _is_named(part, options.exclude)
+    receives = included and not part.material.unlit and not _is_named(part, options.occluders_only)
     return replace(
         part,
         receives=receives and (not options.only or _is_named(part, options.only)),
-        occludes=there and (options.glass_occludes or not part.material.transparent),
+        occludes=included and (options.glass_occludes or not part.material.transparent),
         two_sided=options.two_sided or part.material.foliage,
     )
 
@@ -48,18 +48,18 @@ def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, f
 
 
 def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
-    """Let instances share the place of the first of them that receives."""
+    """Let instances share the UV region of the first of them that receives."""
     first: dict[int, int] = {}
     result = []
     for number, part in enumerate(parts):
-        piece = part.instance_of if share else part.duplicate_of
-        owner = first.setdefault(number if piece is None else piece, number) if part.receives else number
+        original = part.instance_of if share else part.duplicate_of
+        owner = first.setdefault(number if original is None else original, number) if part.receives else number
         result.append(replace(part, uv_owner=None if owner == number else owner))
     return tuple(result)
 
 
 def _is_named(part: Part, patterns: Collection[str]) -> bool:
-    wanted = [pattern.replace("[", "[[]") for pattern in patterns]  # brackets are parts of names
+    wanted = [pattern.replace("[", "[[]") for pattern in patterns]  # brackets are literal, not a pattern
     return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in wanted)
 
 
@@ -67,7 +67,7 @@ def _require_known(parts: Sequence[Part], argument: str, patterns: Collection[st
     for pattern in patterns:
         if not any(_is_named(part, [pattern]) for part in parts):
             names = sorted({name for part in parts for name in (part.name, *part.names)})
-            shown = get_close_matches(pattern, names, _SHOWN) or names[:_SHOWN]
+            shown = get_close_matches(pattern, names, _MAX_NAMES) or names[:_MAX_NAMES]
             more = f" or {len(names) - len(shown)} others" if len(names) > len(shown) else ""
             expected = ", ".join(map(repr, shown)) + more
             raise ArgumentError(

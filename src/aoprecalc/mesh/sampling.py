@@ -1,7 +1,4 @@
-"""From numbers in [0, 1) to places spread uniformly over a surface: a face by its area, then a point in the face.
-
-(Section 1.2.1 of *Précalcul*.)
-"""
+"""Points uniform on a surface: a face by its area, then a point in the face (Précalcul, section 1.2.1)."""
 
 from dataclasses import dataclass
 
@@ -13,30 +10,28 @@ from aoprecalc.mesh.unit_sphere import to_unit_sphere
 from aoprecalc.types import BoolArray, Float64Array, Scene
 
 
-def pick_faces(upto: Float64Array, where: Float64Array) -> NDArray[np.intp]:
-    """Return the face at each of k numbers in [0, 1]; one without area is never met.
+def pick_faces(cumulative_areas: Float64Array, u: Float64Array) -> NDArray[np.intp]:
+    """Return the face for each of k numbers in [0, 1), with probability proportional to its area.
 
-    upto   (f,) the areas of each face and all before it; the last is > 0
+    cumulative_areas   (f,) the area of each face and all before it; the last is > 0
     """
-    faces: NDArray[np.intp] = np.searchsorted(upto, np.minimum(where * upto[-1], np.nextafter(upto[-1], 0)), "right")
+    total = cumulative_areas[-1]
+    faces: NDArray[np.intp] = np.searchsorted(cumulative_areas, np.minimum(u * total, np.nextafter(total, 0)), "right")
     return faces
 
 
-def fold_to_triangle(along: Float64Array, across: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Fold numbers in [0, 1), which span a parallelogram, into the triangle that is its half."""
-    beyond = along + across > 1
-    return np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
-
-
-# Points spread uniformly over a surface, as places on its faces.
+def fold_to_triangle(u: Float64Array, v: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Fold pairs of numbers in [0, 1), uniform on a parallelogram, into the triangle that is its half."""
+    outside = u + v > 1
+    return np.where(outside, 1 - u, u), np.where(outside, 1 - v, v)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Places on the faces of a scene.
+    """Points on the faces of a scene.
 
-    faces     (k,) face numbers
-    weights   (k, 3) float64 of the faces' corners, each row sums to 1
+    faces     (k,) face indices
+    weights   (k, 3) float64, barycentric: each row sums to 1
     """
 
     faces: NDArray[np.intp]
@@ -52,13 +47,13 @@ class SurfacePoints:
 
 
 def sample_surface(scene: Scene, mapped: BoolArray, count: int, seed: int) -> SurfacePoints:
-    """Draw `count` points uniformly by area from the faces in `covers`, (f,) bool; some of these must have area.
+    """Draw `count` points uniformly by area from the faces in `mapped`, (f,) bool; some of these must have area.
 
-    The faces laid end to end are cut into `count` pieces of equal area, and each piece has one point: how many fall on
-    a region varies far less than if each were drawn from all of them.
+    The points are stratified: the faces laid end to end are cut into `count` strata of equal area with one point each,
+    so that the number in any region varies far less than with independent points.
     """
     areas = np.linalg.norm(area_vectors(to_unit_sphere(scene.positions)[scene.faces]), axis=1) * mapped
     rng = np.random.default_rng(seed)
-    where = (np.arange(count) + rng.random(count)) / count
-    along, across = fold_to_triangle(rng.random(count), rng.random(count))
-    return SurfacePoints(pick_faces(np.cumsum(areas), where), np.column_stack([1 - along - across, along, across]))
+    u = (np.arange(count) + rng.random(count)) / count
+    second, third = fold_to_triangle(rng.random(count), rng.random(count))
+    return SurfacePoints(pick_faces(np.cumsum(areas), u), np.column_stack([1 - second - third, second, third]))

@@ -1,4 +1,4 @@
-"""A scene's surface as visibility is computed on it: in the unit sphere, with the normals of both kinds."""
+"""A scene's surface as visibility is computed on it: in the unit sphere, with normals of both kinds and occluders."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -6,22 +6,22 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.normals import geometric_normals
+from aoprecalc.mesh.normals import geometric_normals, normalize
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 
 @dataclass(frozen=True, eq=False)
 class NormalizedSurface:
-    """A surface and what is in its light's way, within 1 of the origin, where 32-bit floats resolve 1e-7.
+    """A surface and its occluders, within 1 of the origin, where 32-bit floats resolve 1e-7.
 
-    positions   (v, 3) float32; those that take no part may lie farther away
-    faces       (f, 3) int32 into positions
-    shading     (f, 3, 3) float32: the unit shading normals n at the corners
-    geometric   (f, 3) float32: the unit geometric normals g, zero for faces without area
-    occluders   (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light
-    bounding_points       (r, 3) float32: positions around all that receives or occludes
-    ground_normal the unit vector away from the endless floor; None where there is none
+    positions          (v, 3) float32; those that neither receive nor occlude may lie farther away
+    faces              (f, 3) int32 into positions
+    shading_normals    (f, 3, 3) float32: the unit shading normals n at the corners
+    geometric_normals  (f, 3) float32: the unit geometric normals g, zero for faces without area
+    occluders          (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light
+    bounding_points    (r, 3) float32: the positions that receive or occlude
+    ground_normal      the unit vector away from the infinite ground plane; None where there is none
     """
 
     positions: Float32Array
@@ -34,27 +34,27 @@ class NormalizedSurface:
 
     @classmethod
     def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
-        """Take a scene and its (f, 3, 3) shading normals."""
-        bounding_points = active_positions(scene)
-        middle, radius = bounding_sphere(bounding_points)
+        """Normalize a scene with (f, 3, 3) shading normals."""
+        active = active_positions(scene)
+        center, radius = bounding_sphere(active)
 
-        def inside(positions: Float64Array) -> Float32Array:
-            return ((positions - middle) / radius).astype(np.float32)
+        def normalized(positions: Float64Array) -> Float32Array:
+            return ((positions - center) / radius).astype(np.float32)
 
         occluders = opaque_triangles(scene)
         return cls(
-            positions=inside(scene.positions),
+            positions=normalized(scene.positions),
             faces=scene.faces,
             shading_normals=shading,
             geometric_normals=geometric_normals(scene, shading),
-            # Renderers and ray tracers want one triangle at least; this one has no area.
-            occluders=inside(occluders) if len(occluders) else np.zeros((1, 3, 3), np.float32),
-            bounding_points=inside(bounding_points),
+            # Renderers and ray tracers need at least one triangle; this one has no area.
+            occluders=normalized(occluders) if len(occluders) else np.zeros((1, 3, 3), np.float32),
+            bounding_points=normalized(active),
             ground_normal=scene.ground_normal,
         )
 
     def is_below_ground(self, directions: NDArray[np.floating]) -> BoolArray:
-        """Tell which of (..., 3) directions lead down to the floor; level ones do not."""
+        """Return which of (..., 3) directions point down to the ground plane; horizontal ones do not."""
         below: BoolArray = np.zeros(directions.shape[:-1], bool)
         return (
             below if self.ground_normal is None else directions @ np.asarray(self.ground_normal, directions.dtype) < 0
@@ -69,33 +69,32 @@ class NormalizedSurface:
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return positions, n and g, (k, 3) float64 each, at k points: their faces and (k, 3) barycentric weights.
 
-        Where n would leave the surface's own side (n.g <= 0) it is g.
+        Where n would be on the other side of the surface (n.g <= 0) it is g.
         """
-        at = weights.astype(np.float64)
-        positions = np.einsum("kc,kcx->kx", at, self.positions[self.faces[faces]])
+        weights = weights.astype(np.float64)
+        positions = np.einsum("kc,kcx->kx", weights, self.positions[self.faces[faces]])
         geometric = self.geometric_normals[faces].astype(np.float64)
-        shading = np.einsum("kc,kcx->kx", at, self.shading_normals[faces])
+        shading = np.einsum("kc,kcx->kx", weights, self.shading_normals[faces])
         opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
         shading[opposed] = geometric[opposed]
-        lengths = np.linalg.norm(shading, axis=1, keepdims=True)
-        return positions, shading / np.where(lengths > 0, lengths, 1), geometric
+        return positions, normalize(shading), geometric
 
 
 def active_positions(scene: Scene) -> Float64Array:
     """Return the positions, (r, 3), of the faces that receive or occlude."""
-    there = scene.receives | scene.occludes
-    return scene.positions if there.all() else scene.positions[np.unique(scene.faces[there])]
+    active = scene.receives | scene.occludes
+    return scene.positions if active.all() else scene.positions[np.unique(scene.faces[active])]
 
 
 def to_unit_sphere(positions: Float64Array) -> Float64Array:
-    """Move and scale (v, 3) positions into the unit sphere about the middle of their box."""
-    middle, radius = bounding_sphere(positions)
-    scaled: Float64Array = (positions - middle) / radius
+    """Move and scale (v, 3) positions into the unit sphere about the centre of their bounding box."""
+    center, radius = bounding_sphere(positions)
+    scaled: Float64Array = (positions - center) / radius
     return scaled
 
 
 def bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
-    """Return the middle of the box of (v, 3) positions and the least radius about it that holds them; 1 for a point."""
-    middle: Float64Array = (positions.min(axis=0) + positions.max(axis=0)) / 2
-    radius = float(np.sqrt(((positions - middle) ** 2).sum(axis=1).max()))
-    return middle, radius if radius > 0 else 1.0
+    """Return the centre of the bounding box of (v, 3) positions and their greatest distance from it; 1 for a point."""
+    center: Float64Array = (positions.min(axis=0) + positions.max(axis=0)) / 2
+    radius = float(np.sqrt(((positions - center) ** 2).sum(axis=1).max()))
+    return center, radius if radius > 0 else 1.0
