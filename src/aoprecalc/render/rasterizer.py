@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from aoprecalc.mesh.normals import normalize
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.types import BoolArray, Float64Array, Int64Array
@@ -107,9 +108,8 @@ def rasterize_mesh(corners: Float64Array, normals: Float64Array, camera: Camera)
     face_normals = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
     facing = np.einsum("kx,kx->k", face_normals, interpolated) * (face_normals @ camera.axes[2])
     interpolated[facing < 0] *= -1
-    lengths = np.linalg.norm(interpolated, axis=1, keepdims=True)
     pixel_normals = np.zeros((*visible.shape, 3))
-    pixel_normals[mask] = interpolated / np.where(lengths > 0, lengths, 1)
+    pixel_normals[mask] = normalize(interpolated)
     return GBuffer(mask, view_z, pixel_normals)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.normals import face_normals, normalize
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 
@@ -167,7 +167,7 @@ def _gather_normals(
         normals = np.where(usable[:, :, None], normals, face_normals[:, None])
         largest = np.abs(normals).max(axis=2, keepdims=True)
     normals = normals / largest  # avoids underflow and overflow when squaring
-    return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True), dtype=np.float32)
+    return normalize(normals).astype(np.float32)
 
 
 def _gather_uv_sets(pieces: Sequence[MeshPiece], warnings: list[str]) -> tuple[Float64Array, ...]:
