@@ -11,9 +11,7 @@ from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster import samples
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.visibility import backend, setup
-from aoprecalc.visibility import depth_maps as depth_maps
-from aoprecalc.visibility import gather as gathering
+from aoprecalc.visibility import backend, depth_maps, gather, setup
 from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
 slow = pytest.mark.slow
@@ -100,7 +98,7 @@ def test_portions_change_no_bit(kind, monkeypatch):
     made = scene(*still_life())
     options = BakeOptions(96, 96, directions=130, shadow_size=128, backend=kind)
     monkeypatch.setattr(setup, "FIT_CHUNK", 1000)
-    monkeypatch.setattr(gathering, "FIT_CHUNK", 1000)
+    monkeypatch.setattr(gather, "FIT_CHUNK", 1000)
     monkeypatch.setattr(samples, "BAND_TEXELS", 20 * 96)
     pictures = []
     for parts in (100, 3, 1):

@@ -9,14 +9,14 @@ import pytest
 import trimesh
 
 from aoprecalc.errors import UsageError
-from aoprecalc.visibility import setup as portions
+from aoprecalc.visibility import setup
 from aoprecalc.visibility.setup import FIT_CHUNK, chunks, texels_per_chunk
 
 MEGABYTE = 1 << 20
 
 
 def test_a_portion_shrinks_with_the_limit_and_is_made_of_whole_parts(monkeypatch):
-    monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
+    monkeypatch.setattr(setup, "_resident", lambda: 300 * MEGABYTE)
     found = [
         texels_per_chunk(mb * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
         for mb in (1615, 1640, 1700, 1800, 9000)
@@ -28,7 +28,7 @@ def test_a_portion_shrinks_with_the_limit_and_is_made_of_whole_parts(monkeypatch
 
 
 def test_a_limit_that_cannot_be_kept_is_refused(monkeypatch):
-    monkeypatch.setattr(portions, "_resident", lambda: 300 * MEGABYTE)
+    monkeypatch.setattr(setup, "_resident", lambda: 300 * MEGABYTE)
     with pytest.raises(UsageError, match=r"memory_limit is 500M; 4096 x 4096 texels of this mesh need \d+M"):
         texels_per_chunk(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
 

@@ -1,1 +1,1 @@
-"""Texture space: which texels the surface covers, samples in them, the least-squares picture, padding."""
+"""Texture space: which texels the surface covers, samples in them, the least-squares image, padding."""

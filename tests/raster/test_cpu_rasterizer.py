@@ -6,8 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from aoprecalc.raster import cpu_rasterizer as scanline
-from aoprecalc.raster import samples, spans
+from aoprecalc.raster import cpu_rasterizer, samples, spans
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.types import Atlas, Texels
@@ -89,7 +88,7 @@ def test_how_the_work_is_cut_changes_nothing(monkeypatch):
     expected, covered, overlap = whole.samples(every, (0.2, 0.6)), whole.coverage(), whole.overlap()
     monkeypatch.setattr(samples, "BAND_TEXELS", layout.width * 23)
     monkeypatch.setattr(spans, "_CHUNK", 50)
-    monkeypatch.setattr(scanline, "_CHUNK", 1000)
+    monkeypatch.setattr(cpu_rasterizer, "_CHUNK", 1000)
     cut = CPURasterizer(layout)
     found = cut.samples(every, (0.2, 0.6))
     np.testing.assert_array_equal(found.faces, expected.faces)

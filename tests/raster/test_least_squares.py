@@ -1,9 +1,9 @@
-"""The least-squares picture, held against dense algebra and against pictures whose look-ups are known."""
+"""The least-squares image, compared with dense algebra and with images whose look-ups are known."""
 
 import numpy as np
 import pytest
 
-from aoprecalc.raster import least_squares as reconstruct
+from aoprecalc.raster import least_squares
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, texel_positions
 from aoprecalc.raster.least_squares import LeastSquaresImage
@@ -37,7 +37,7 @@ def fitted(shape, *parts, repeats=False, start=None):
 @pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_it_solves_the_normal_equations(shape, repeats, monkeypatch):
-    monkeypatch.setattr(reconstruct, "_PRECISION", 1e-6)
+    monkeypatch.setattr(least_squares, "_PRECISION", 1e-6)
     at, values, weights = measurements(3, shape, 60)
     start = np.random.default_rng(4).random(shape).astype(np.float32)
     each = np.eye(start.size).reshape(-1, *shape)
