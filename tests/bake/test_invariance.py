@@ -93,7 +93,7 @@ def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["gl", "ray"])
-def test_portions_change_no_bit(kind, monkeypatch):
+def test_chunks_change_no_bit(kind, monkeypatch):
     """Of which the last is smaller, and whose texels lie in some bands only."""
     made = scene(*still_life())
     options = BakeOptions(96, 96, directions=130, shadow_size=128, backend=kind)

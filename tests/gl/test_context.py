@@ -9,7 +9,6 @@ import pytest
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import RendererError, UsageError
 from aoprecalc.gl import context
-from aoprecalc.gl import context as osmesa
 from aoprecalc.options import BakeOptions
 from aoprecalc.uv import select as choose
 from shapes import scene, torus
@@ -26,7 +25,7 @@ def without_egl(monkeypatch):
 
 
 def has_osmesa():
-    for name in osmesa.LIBRARIES:
+    for name in context.LIBRARIES:
         try:
             ctypes.CDLL(name)
         except OSError:
@@ -48,7 +47,7 @@ def test_osmesa_gives_the_same_bytes_as_egl(monkeypatch):
 
 def test_without_any_library_the_error_says_what_to_install(monkeypatch):
     without_egl(monkeypatch)
-    monkeypatch.setattr(osmesa, "LIBRARIES", ("libNoSuchThing.so",))
+    monkeypatch.setattr(context, "LIBRARIES", ("libNoSuchThing.so",))
     advice = r"libEGL.*OSMesa: libOSMesa is not installed.*apt-get install"
     with pytest.raises(RendererError, match=advice), context.open_renderer():
         pass

@@ -1,4 +1,4 @@
-"""Both rasterisers, so that the same tests hold them to the same rules."""
+"""Both rasterizers, so that the same tests hold them to the same rules."""
 
 from functools import partial
 
@@ -10,11 +10,11 @@ from aoprecalc.raster.gl_rasterizer import GLRasterizer
 
 @pytest.fixture
 def on_gl(renderer):
-    """Makes a rasteriser of a layout that draws with OpenGL."""
+    """Makes a rasterizer of a layout that draws with OpenGL."""
     return partial(GLRasterizer, renderer.context)
 
 
-@pytest.fixture(params=["gl", "scanline"])
-def rasteriser(request):
-    """Makes a rasteriser of a layout: the test runs once with each kind."""
+@pytest.fixture(params=["gl", "cpu"])
+def rasterizer(request):
+    """Makes a rasterizer of a layout: the test runs once with each kind."""
     return request.getfixturevalue("on_gl") if request.param == "gl" else CPURasterizer

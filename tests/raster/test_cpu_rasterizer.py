@@ -1,4 +1,4 @@
-"""The rasteriser without OpenGL: held against the one with it, texel by texel."""
+"""The rasterizer without OpenGL: held against the one with it, texel by texel."""
 
 import subprocess
 import sys

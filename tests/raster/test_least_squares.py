@@ -42,7 +42,7 @@ def test_it_solves_the_normal_equations(shape, repeats, monkeypatch):
     start = np.random.default_rng(4).random(shape).astype(np.float32)
     each = np.eye(start.size).reshape(-1, *shape)
     look_ups = np.column_stack([looked_up(texel, at.astype(float), repeats) for texel in each])
-    prior = np.sqrt(reconstruct._PRIOR * weights.mean())
+    prior = np.sqrt(least_squares._PRIOR * weights.mean())
     root = np.sqrt(weights)[:, None]
     left = np.concatenate([root * look_ups, prior * np.eye(start.size)])
     right = np.concatenate([root[:, 0] * values, prior * start.ravel()])

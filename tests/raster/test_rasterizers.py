@@ -1,4 +1,4 @@
-"""Texel coverage and what lies under each sample, by either rasteriser, against a slow reference."""
+"""Texel coverage and what lies under each sample, by either rasterizer, against a slow reference."""
 
 import numpy as np
 import pytest
@@ -46,9 +46,9 @@ def lies_inside(triangle, points, by=0.01):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_every_touched_square_is_covered_and_no_other(rasteriser, seed):
+def test_every_touched_square_is_covered_and_no_other(rasterizer, seed):
     made, uvs = random_triangles(seed)
-    texels = rasteriser(build_layout(made, atlas_of(uvs), SIZE, SIZE)).coverage()
+    texels = rasterizer(build_layout(made, atlas_of(uvs), SIZE, SIZE)).coverage()
     covered = np.zeros(SIZE * SIZE, bool)
     covered[texels.index] = True
     places = uvs * (SIZE, -SIZE) + (0, SIZE)
@@ -62,10 +62,10 @@ def test_every_touched_square_is_covered_and_no_other(rasteriser, seed):
 
 @pytest.mark.parametrize("sample_at", [(0.5, 0.5), (0.1, 0.9), (0.93, 0.02)])
 @pytest.mark.parametrize("seed", range(3))
-def test_samples_lie_on_their_face_in_their_square_or_close_by(rasteriser, seed, sample_at):
+def test_samples_lie_on_their_face_in_their_square_or_close_by(rasterizer, seed, sample_at):
     made, uvs = random_triangles(seed)
     texels = Texels(SIZE, SIZE, np.arange(SIZE * SIZE, dtype=np.int32))
-    samples = rasteriser(build_layout(made, atlas_of(uvs), SIZE, SIZE)).samples(texels, sample_at)
+    samples = rasterizer(build_layout(made, atlas_of(uvs), SIZE, SIZE)).samples(texels, sample_at)
     assert samples.weights.min() >= 0
     np.testing.assert_allclose(samples.weights.sum(axis=1), 1, rtol=1e-6)
     has = samples.faces >= 0
@@ -88,26 +88,26 @@ def test_samples_lie_on_their_face_in_their_square_or_close_by(rasteriser, seed,
     assert (found <= corner + 1.81)[has].all()
 
 
-def test_a_chart_thinner_than_a_texel_has_texels(rasteriser):
+def test_a_chart_thinner_than_a_texel_has_texels(rasterizer):
     uvs = np.array([[(0.1, 0.51), (0.9, 0.51), (0.9, 0.511)]])
     made = scene(np.eye(3), [[0, 1, 2]], uvs)
-    texels = rasteriser(build_layout(made, atlas_of(uvs), SIZE, SIZE)).coverage()
+    texels = rasterizer(build_layout(made, atlas_of(uvs), SIZE, SIZE)).coverage()
     assert len(texels) >= 0.8 * SIZE
 
 
-def test_inner_edges_belong_to_one_side_and_overlap_is_measured(rasteriser):
+def test_inner_edges_belong_to_one_side_and_overlap_is_measured(rasterizer):
     uvs = quad_uvs((0.1, 0.1), (0.9, 0.9), cells=5)
     made = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=5), uvs)
-    assert rasteriser(build_layout(made, atlas_of(uvs), SIZE, SIZE)).overlap() == 0
+    assert rasterizer(build_layout(made, atlas_of(uvs), SIZE, SIZE)).overlap() == 0
     folded = uvs.copy()
     folded[..., 0] = np.where(folded[..., 0] > 0.5, 1 - folded[..., 0], folded[..., 0])
-    assert rasteriser(build_layout(made, atlas_of(folded), SIZE, SIZE)).overlap() > 0.9
+    assert rasterizer(build_layout(made, atlas_of(folded), SIZE, SIZE)).overlap() > 0.9
 
 
-def test_uvs_beyond_the_unit_square_wrap_round(rasteriser):
+def test_uvs_beyond_the_unit_square_wrap_round(rasterizer):
     uvs = quad_uvs((0.25, 0.25), (0.75, 0.75)) + (0.5, 3.0)
     made = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), uvs)
-    texels = rasteriser(build_layout(made, atlas_of(uvs, repeats=True), SIZE, SIZE)).coverage()
+    texels = rasterizer(build_layout(made, atlas_of(uvs, repeats=True), SIZE, SIZE)).coverage()
     covered = np.zeros((SIZE, SIZE), bool)
     covered.ravel()[texels.index] = True
     columns = np.flatnonzero(covered.any(axis=0))
@@ -115,9 +115,9 @@ def test_uvs_beyond_the_unit_square_wrap_round(rasteriser):
     assert covered.sum() == SIZE * SIZE // 4
 
 
-def test_row_0_is_v_1(rasteriser):
+def test_row_0_is_v_1(rasterizer):
     uvs = np.array([[(0.0, 1.0), (0.0, 0.9), (0.1, 1.0)]])
     made = scene(np.eye(3), [[0, 1, 2]], uvs)
-    texels = rasteriser(build_layout(made, atlas_of(uvs), SIZE, SIZE)).coverage()
+    texels = rasterizer(build_layout(made, atlas_of(uvs), SIZE, SIZE)).coverage()
     assert 0 in texels.index
     assert texels.index.max() < SIZE * 4

@@ -18,12 +18,12 @@ from aoprecalc.raster.samples import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.projection import Projections, convex_hull_points, fit_projections
 
-# Steps in a map texel to which vertices are snapped: rasterisers do it, and doing it first makes all tiles equal.
+# Steps in a map texel to which vertices are snapped: rasterizers do it, and doing it first makes all tiles equal.
 GRID = 256
 _MAX_BATCH_AXES = 8  # the gather shader is unrolled for all of them: compiling takes 0.35 s where it is not cached
 _MAX_BATCH_BYTES = 1 << 26  # of the depth maps of one batch
 _MAP_TEXEL_BYTES = 8  # two 32-bit floats
-_SMALL = 16.0  # map texels: triangles without a longer edge go to the compute shader, others to the rasteriser
+_SMALL = 16.0  # map texels: triangles without a longer edge go to the compute shader, others to the rasterizer
 _SMALL_LOCAL_SIZE = 64
 _MAX_SMALL_TRIANGLES = 1 << 21  # in one dispatch: 65,535 work groups and buffers of 128 MB are allowed
 _TRIANGLE_BYTES = 36  # of its corners

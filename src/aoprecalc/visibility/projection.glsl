@@ -2,7 +2,7 @@
 
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 
-// Position of a corner in its map, snapped to the grid of rasterisers, and its depth; bit-equal in all kinds of shaders.
+// Position of a corner in its map, snapped to the grid of rasterizers, and its depth; bit-equal in all kinds of shaders.
 vec3 project(vec3 corner, int axis) {
     vec4 point = vec4(corner, 1.0);
     precise vec2 map = vec2(dot(rows[axis], point), dot(rows[axis + 1], point));

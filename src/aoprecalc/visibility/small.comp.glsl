@@ -1,4 +1,4 @@
-// Small occluders along one axis: an invocation tests the few map texels that its triangle may cover. The rasteriser of
+// Small occluders along one axis: an invocation tests the few map texels that its triangle may cover. The rasterizer of
 // llvmpipe sets up triangles one by one and takes twice as long for the smallest (measured: 273,000 in 26 ms, here 14).
 // (Idea: B. Karis, R. Stubbe, G. Wihlidal, "A Deep Dive into Nanite Virtualized Geometry", 2021.)
 
