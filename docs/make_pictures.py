@@ -1,9 +1,9 @@
-"""Makes the README's pictures.
+"""Draw the README's pictures.
 
     python docs/make_pictures.py [NAME ...]
 
-writes borders.png and sides.png, of small meshes that are built and baked here, and spheres.png, of two of
-../shared/meshes, or those of them that are named, to docs/pictures. Needs Pillow.
+Writes borders.png and sides.png from small generated meshes, and spheres.png from two of ../shared/meshes, to
+docs/pictures; with names, only those pictures. Needs Pillow.
 """
 
 import sys
@@ -29,24 +29,24 @@ MESHES = HERE.resolve().parents[1] / "shared" / "meshes"
 SHADERS = {f"{stage}_shader": (HERE / f"shaders/{stage}.glsl").read_text("utf-8") for stage in ("vertex", "fragment")}
 PAPER, INK, SOFT, OUTLINE = (247, 247, 245), (38, 42, 48), (104, 110, 118), (222, 40, 60)
 
-ZOOM = 6  # of texels in borders.png
-LOOKED_UP, PADDED = (240, 130, 40), (70, 130, 230)
-CELL, FINER = 290, 4  # pixels of a cell of sides.png, and how many times as many are rendered each way
-TOWARDS = np.array([0.34, -0.76, 0.56]) / np.linalg.norm([0.34, -0.76, 0.56])  # from the scene to the camera
+ZOOM = 6  # pixels per texel in borders.png
+READ_COLOR, PADDING_COLOR = (240, 130, 40), (70, 130, 230)
+CELL, SUPERSAMPLING = 290, 4  # of sides.png: pixels per side of a cell, and samples per pixel along each axis
+CAMERA_DIRECTION = np.array([0.34, -0.76, 0.56]) / np.linalg.norm([0.34, -0.76, 0.56])  # camera direction
 FLAT = {-1: (0.70, 0.30, 0.17), -2: (0.86, 0.46, 0.30), -3: (0.52, 0.21, 0.12), -4: (0.62, 0.67, 0.73)}  # linear
-STOOD_IN = [("bigguy.obj", "y"), ("fruitfly_assembled_welded.ply", "z")]  # meshes of spheres.png, and what is up there
-PANEL = (420, 340)  # pixels of one of its cells
+SPHERE_MESHES = [("bigguy.obj", "y"), ("fruitfly_assembled_welded.ply", "z")]  # of spheres.png, with their up axes
+PANEL = (420, 340)  # pixels of a cell of spheres.png
 
 
-def write(picture: Image.Image, place: tuple[int, int], text: str, size: int = 16, color: tuple = INK) -> None:
-    """Write lines of text, their upper left corner at `place`."""
-    ImageDraw.Draw(picture).text(place, text, fill=color, font=ImageFont.load_default(size=size), spacing=5)
+def write(picture: Image.Image, position: tuple[int, int], text: str, size: int = 16, color: tuple = INK) -> None:
+    """Write lines of text with their upper left corner at `position`."""
+    ImageDraw.Draw(picture).text(position, text, fill=color, font=ImageFont.load_default(size=size), spacing=5)
 
 
 def borders() -> Image.Image:
-    """Draw one texture four times, with ever more of its texels, their bytes as they are in the file."""
+    """Draw one texture at four stages: covered texels, padding, and two ways of filling the rest."""
     scene, (width, height) = leaning_wall(), SIZE
-    # Maps far finer than `auto` takes for so few texels, so that every step that one sees is the texture's.
+    # Depth maps far finer than `auto` would choose, so that every visible step is the texture's.
     settings = {"width": width, "height": height, "unwrap": "keep", "normals": "flat", "shadow_size": 2048}
     bakes = [(0, "none"), (8, "none"), (8, "mean"), (8, "pushpull")]
     baked = [bake_scene(scene, BakeOptions(padding=padding, fill=fill, **settings)) for padding, fill in bakes]
@@ -55,7 +55,7 @@ def borders() -> Image.Image:
     lines = build_layout(scene, baked[0].atlas, width, height).borders[:, :2]
 
     squares = np.where(np.indices((height, width)).sum(axis=0) % 2, 236, 250)[..., None]
-    tinted = np.where(covered, padded, 0.5 * padded + 0.5 * np.where(bare > 0, LOOKED_UP, PADDED))
+    tinted = np.where(covered, padded, 0.5 * padded + 0.5 * np.where(bare > 0, READ_COLOR, PADDING_COLOR))
     panels = {
         "1  Texels that the surface covers, wholly or in part": np.where(covered, bare, squares),
         "2  Others that look-ups on it read (orange); padding (blue)": np.where(padded > 0, tinted, squares),
@@ -99,15 +99,15 @@ CASES = {
 }
 
 
-def shaded(context: moderngl.Context, scene: Scene, baked: Baked, box: int) -> Image.Image:
-    """Draw a scene with its texture, orthographically; its first `box` faces are a box, which is cut open."""
+def render_scene(context: moderngl.Context, scene: Scene, baked: Baked, box: int) -> Image.Image:
+    """Render a scene with its texture, orthographically; its first `box` faces are a box that is cut open."""
     image = baked.texture.values
     context.texture(image.shape[::-1], 1, np.flipud(image).tobytes(), dtype="f4").use()
-    right = np.cross((0, 0, 1), TOWARDS) / np.linalg.norm(TOWARDS[:2])
-    seen = scene.corners @ np.stack([right, np.cross(TOWARDS, right), TOWARDS]).T
-    seen -= (seen.min(axis=(0, 1)) + seen.max(axis=(0, 1))) / 2
-    corners = np.concatenate([seen, scene.corners, baked.atlas.uvs], axis=2).astype("f4")
-    side = CELL * FINER
+    right = np.cross((0, 0, 1), CAMERA_DIRECTION) / np.linalg.norm(CAMERA_DIRECTION[:2])
+    view = scene.corners @ np.stack([right, np.cross(CAMERA_DIRECTION, right), CAMERA_DIRECTION]).T
+    view -= (view.min(axis=(0, 1)) + view.max(axis=(0, 1))) / 2
+    corners = np.concatenate([view, scene.corners, baked.atlas.uvs], axis=2).astype("f4")
+    side = CELL * SUPERSAMPLING
     target = context.simple_framebuffer((side, side), 4, dtype="f4")
     target.use()
     target.clear(min(FLAT), 2.0, depth=1.0)
@@ -121,15 +121,15 @@ def shaded(context: moderngl.Context, scene: Scene, baked: Baked, box: int) -> I
     color = np.clip(value, 0, 0.97)[..., None].repeat(3, axis=2)
     for key, flat in FLAT.items():
         color[value == key] = flat
-    for axis, step in np.ndindex(2, 7):  # lines where depth breaks off
+    for axis, step in np.ndindex(2, 7):  # outlines at depth discontinuities
         color[np.roll(depth, step - 3, axis) - depth > 0.03] = 0.05
-    color = color[::-1].reshape(CELL, FINER, CELL, FINER, 3).mean(axis=(1, 3))
+    color = color[::-1].reshape(CELL, SUPERSAMPLING, CELL, SUPERSAMPLING, 3).mean(axis=(1, 3))
     encoded = np.where(color < 0.0031308, 12.92 * color, 1.055 * np.maximum(color, 1e-9) ** (1 / 2.4) - 0.055)
     return Image.fromarray((255 * encoded).round().astype(np.uint8))
 
 
 def sides() -> Image.Image:
-    """Draw four scenes, above as they are baked by default and below with --two-sided."""
+    """Draw four scenes, baked by default in the upper row and with --two-sided in the lower."""
     scenes = [case[0]() for case in CASES.values()]
     gap, head, foot = 16, 40, 60
     picture = Image.new("RGB", (4 * (CELL + gap) + gap, 36 + 2 * (head + CELL + foot)), PAPER)
@@ -141,21 +141,21 @@ def sides() -> Image.Image:
             for column, (name, case) in enumerate(CASES.items()):
                 left, box = gap + column * (CELL + gap), 0 if column else 12
                 write(picture, (left, 12), name, 16, SOFT)
-                picture.paste(shaded(renderer.context, scenes[column], baked[column], box), (left, top))
+                picture.paste(render_scene(renderer.context, scenes[column], baked[column], box), (left, top))
                 write(picture, (left, top + CELL + 6), case[1 + row])
     return picture
 
 
 def spheres() -> Image.Image | None:
-    """Draw figure 1.5 of the source anew: meshes, and 100 spheres fitted to 100,000 samples by two methods."""
+    """Draw figure 1.5 of *Précalcul*: meshes, and 100 spheres fitted to 100,000 samples by two methods."""
     rows = []
-    for name, up in STOOD_IN:
+    for name, up in SPHERE_MESHES:
         if not (MESHES / name).exists():
             print(f"spheres.png: without {name}, which is not in {MESHES}")
             continue
         scene = load_scene(MESHES / name)
-        fitted = [fit_sphere_set(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
-        panels = preview_panels(scene, [(one.centers, one.radii) for one in fitted], PANEL, up)
+        sets = [fit_sphere_set(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
+        panels = preview_panels(scene, [(spheres.centers, spheres.radii) for spheres in sets], PANEL, up)
         rows.append(np.concatenate(panels, axis=1))
     if not rows:
         return None

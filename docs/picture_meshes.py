@@ -7,16 +7,16 @@ import trimesh
 
 from aoprecalc.types import Part, Scene
 
-# leaning_wall: a floor and a wall that leans over it, outlined in texels; they meet at their first two corners.
+# leaning_wall: the outlines of a floor and of a wall that leans over it, in texels; they share their first two corners.
 SIZE = (96, 72)
 FLOOR = [(12, 42), (54, 18), (64, 30), (62, 41), (56, 50), (47, 56), (35, 59), (20, 57)]
 WALL = [(74, 61), (78, 12), (86, 25), (85, 48)]
-LEAN = np.radians(60)  # between the two
+LEAN = np.radians(60)  # angle between floor and wall
 HALF_BOX = (0.65, 0.65, 0.5)  # of in_a_box
 
 
 def leaning_wall() -> Scene:
-    """Make the mesh of borders.png, as large as its charts."""
+    """Make the mesh of borders.png, whose faces have the size of their charts."""
     floor, wall = (np.array(outline) @ (1, 1j) for outline in (FLOOR, WALL))  # x + iy
     crease, base = ((side[1] - side[0]) / abs(side[1] - side[0]) for side in (floor, wall))
     raised = (wall - wall[0]) / base
@@ -30,21 +30,21 @@ def leaning_wall() -> Scene:
 
 
 def in_a_box() -> Scene:
-    """Make a box, which is cut open, with a ball sunk into its top and another one within."""
+    """Make a box, which is drawn cut open, with one ball halfway through its top and another inside."""
     sunk = trimesh.creation.icosphere(4, 0.34).apply_translation((0, 0, 0.5))
     within = trimesh.creation.icosphere(4, 0.22).apply_translation((0, 0, -0.2))
     return as_scene([trimesh.creation.box(2 * np.array(HALF_BOX)), sunk, within])
 
 
 def inside_out() -> Scene:
-    """Make a ring whose faces look inwards."""
+    """Make a torus whose faces point inwards."""
     ring = trimesh.creation.torus(0.60, 0.30, major_sections=128, minor_sections=64)
     ring.invert()
     return as_scene([ring])
 
 
 def cup() -> Scene:
-    """Make a cup of one layer, whose faces look inwards, on a plate."""
+    """Make a single-layer cup, whose faces point inwards, on a plate."""
     angles = np.linspace(-np.pi / 2, 0, 17)
     layer = trimesh.creation.revolve(
         np.array([*0.5 * np.column_stack([np.cos(angles), np.sin(angles)]), (0.56, 0.4)]), sections=96
@@ -55,7 +55,7 @@ def cup() -> Scene:
 
 
 def plant() -> Scene:
-    """Make leaves of one layer over a plate; the faces of every second one look down."""
+    """Make single-layer leaves over a plate; the faces of every second leaf point down."""
     along, across = np.meshgrid(np.linspace(0, 1, 33), np.linspace(-1, 1, 9), indexing="ij")
     side = (0.19 * np.sin(np.pi * along**1.3) + 0.02) * across
     height = 0.62 * np.sin(2.7 * along**0.9) + 0.06 * np.abs(across) * np.sin(np.pi * along) - 0.38
@@ -70,8 +70,16 @@ def plant() -> Scene:
 
 
 def as_scene(meshes: list[trimesh.Trimesh], uvs: np.ndarray | None = None) -> Scene:
-    """Make a Scene of meshes and, where there are any, the UVs at their corners, (f, 3, 2)."""
+    """Make a Scene of meshes and optional UVs at their corners, (f, 3, 2)."""
     mesh = trimesh.util.concatenate(meshes)
     positions, ids = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
     faces = ids.ravel()[mesh.faces].astype(np.int32)
-    return Scene(Path("made.obj"), "obj", positions, faces, None, uvs, (Part("made", 0, len(faces), faces),))
+    return Scene(
+        Path("made.obj"),
+        "obj",
+        positions,
+        faces,
+        None,
+        () if uvs is None else (uvs,),
+        (Part("made", 0, len(faces), faces),),
+    )
