@@ -40,14 +40,7 @@ class _BatchCommand(Command):
 
 @click.command(cls=_BatchCommand, short_help="Bake and fit many meshes, each only when it has changed.")
 @click.argument("patterns", nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
-@option(
-    "-o",
-    "--output",
-    metavar="DIR",
-    group="Output",
-    shown="the manifest's",
-    help="The folder for the results.",
-)
+@option("-o", "--output", metavar="DIR", group="Output", shown="the manifest's", help="The folder for the results.")
 @option(
     "--bake",
     multiple=True,

@@ -73,13 +73,8 @@ def main() -> None:
     """
 
 
-main.add_command(bake)
-main.add_command(batch)
-main.add_command(cache)
-main.add_command(spheres)
-main.add_command(verify)
-main.add_command(compare)
-main.add_command(doctor)
+for command in (bake, batch, cache, spheres, verify, compare, doctor):
+    main.add_command(command)
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:

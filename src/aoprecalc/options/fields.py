@@ -138,11 +138,8 @@ class OptionField:
             shown = self.option.quantity.write(value) if pair and self.option.quantity else repr(value)
             raise ArgumentError(self.name, f"is {shown}; expected {self.expected}") from None
 
-    def read(self, text: str) -> Any:
+    def read(self, text: str, quantity: Quantity) -> Any:
         """Return the value that a text stands for; raises ArgumentError where it stands for none."""
-        quantity = self.option.quantity
-        if quantity is None:
-            return self.check(text)
         try:
             return quantity.read(text)
         except ValueError:

@@ -14,15 +14,7 @@ from msgspec import Meta
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError
 from aoprecalc.pipeline.discovery import base_folder, check_distinct, find_meshes, is_pattern, name_assets
 from aoprecalc.pipeline.jobs import Asset, JobSpec
-from aoprecalc.pipeline.option_tables import (
-    COUNTS,
-    Choice,
-    Tables,
-    arguments_of,
-    convert,
-    key_name,
-    make_job_spec,
-)
+from aoprecalc.pipeline.option_tables import COUNTS, Choice, Tables, arguments_of, convert, key_name, make_job_spec
 from aoprecalc.pipeline.state import STATE_FOLDER
 
 _Text = Annotated[str, Meta(description="a text in quotes")]

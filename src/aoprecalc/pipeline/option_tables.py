@@ -75,14 +75,11 @@ def _arguments(kind: type, table: Struct | bool | None) -> Choice:
     """Return a table as Python arguments."""
     if not isinstance(table, Struct):
         return table
-    fields = {field.name: field for field in option_fields(kind)}
     given = {name: value for name in table.__struct_fields__ if (value := getattr(table, name)) is not UNSET}
-    return {
-        name: fields[name].read(value)
-        if isinstance(value, str) and name in fields and fields[name].option.quantity
-        else value
-        for name, value in given.items()
-    }
+    for field in option_fields(kind):
+        if field.option.quantity and isinstance(given.get(field.name), str):
+            given[field.name] = field.read(given[field.name], field.option.quantity)
+    return given
 
 
 def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
