@@ -21,7 +21,7 @@ def write_boxes(folder):
         (folder / name).write_text("\n".join(lines) + "\n")
 
 
-@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
+@pytest.fixture(params=[signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def number(request):
     """A signal that raises KeyboardInterrupt, as both do in the command."""
     before = signal.signal(request.param, signal.default_int_handler)
