@@ -261,19 +261,29 @@ class Baked:
 
 @dataclass(frozen=True, eq=False)
 class SphereSet:
-    """Spheres that approximate a mesh.
+    """Spheres that approximate a mesh, and how they were fitted.
 
-    centers      (n, 3) float64, in the mesh's coordinates
-    radii        (n,) float64, in the mesh's units
-    iterations   number of pairings of the samples with the spheres
-    converged    the last iteration changed no pairing; always true of shadow and collision
-    method       lloyd, algebraic, shadow or collision
-    radius_rule  mean, uniform or cover; own for the methods that have their own
-    samples      number of surface samples
-    seed         of the samples and of every random choice
-    guarded      how often a guard replaced the least-squares sphere (algebraic)
-    coarser      the next coarser level, where there are several
-    parents      (n,) int32: index of the coarser sphere that each sphere belongs to; None without a coarser level
+    Attributes
+    ----------
+    centers : ndarray, (n, 3) float64
+        In the mesh's coordinates.
+    radii : ndarray, (n,) float64
+        In the mesh's units.
+    iterations : int
+        Pairings of the samples with the spheres, or steps of the optimiser.
+    converged : bool
+        The last iteration changed no pairing; always True for shadow and collision.
+    method : {"lloyd", "algebraic", "shadow", "collision"}
+    radius_rule : {"mean", "uniform", "cover", "own"}
+        How the radii were chosen; own: by the method (shadow, collision).
+    samples, seed : int
+        Number of surface samples; seed of the samples and of every random choice.
+    guarded : int
+        How often a guard replaced the least-squares sphere (algebraic).
+    coarser : SphereSet or None
+        The next coarser level, if several were asked for.
+    parents : ndarray, (n,) int32, or None
+        Index of the coarser sphere to which each sphere belongs.
     """
 
     centers: Float64Array

@@ -105,8 +105,8 @@ class BakeResult:
             plan.claim(outputs)
             files, warnings = plan.write(outputs, self._baked)
             if plan.report is not None:
-                saved = _report_outputs(files, outputs)
-                document = replace(self.report, outputs=saved, warnings=(*self.report.warnings, *warnings))
+                names = _report_outputs(files, outputs)
+                document = replace(self.report, outputs=names, warnings=(*self.report.warnings, *warnings))
                 write_json(outputs.path(plan.report), document.to_dict())
         for line in warnings:
             (progress or Progress()).warn(line)
@@ -211,18 +211,19 @@ def bake_file(
     Either all files appear, or none and what `bake` and `BakeResult.save` raise is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()
-    mesh = Path(mesh)
-    timer = StageTimer(progress)
-    choose_bit_depth(output_path(output, f"{stem or mesh.stem}_ao.png"), options.bit_depth)
+    mesh, timer = Path(mesh), StageTimer(progress)
+    stem = stem or mesh.stem
+    texture = output_path(output, f"{stem}_ao.png")
+    choose_bit_depth(texture, options.bit_depth)
     if verify:
         require_embreex()
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
-        claim_output(outputs, output, output_path(output, f"{stem or mesh.stem}_ao.png"))
+        claim_output(outputs, output, texture)
         with timer.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        plan = _FilePlan(scene, stem or mesh.stem, output, mesh_output, report, options)
+        plan = _FilePlan(scene, stem, output, mesh_output, report, options)
         plan.claim(outputs, texture=False)
         baked = bake_scene(scene, options, progress, timer, make_visibility)
         with timer.stage("write"):
@@ -232,8 +233,8 @@ def bake_file(
         if verify:
             errors = _measure(baked, read_image(outputs.written(files.texture)), options, progress, timer)
             warnings += _warn_of_shared_uvs(baked)
-        written = _report_outputs(files, outputs)
-        document = bake_report(baked, options, written, errors, timer.seconds(), warnings)
+        names = _report_outputs(files, outputs)
+        document = bake_report(baked, options, names, errors, timer.seconds(), warnings)
         if plan.report is not None:
             write_json(outputs.path(plan.report), document.to_dict())
     for line in warnings:
@@ -301,5 +302,4 @@ def _measure(
 
 
 def _warn_of_shared_uvs(baked: Baked) -> tuple[str, ...]:
-    shared = any(part.uv_owner is not None for part in baked.scene.parts)
-    return warn_of_shared_uvs(baked.scene) if shared else ()
+    return warn_of_shared_uvs(baked.scene) if any(part.uv_owner is not None for part in baked.scene.parts) else ()

@@ -157,7 +157,7 @@ def compare(
     with Outputs() as outputs:
         kind = _common_kind(a, b)
         if "picture" in paths and kind not in ("texture", "mesh"):
-            raise UsageError(f"{a}: is a {_NAMES[kind]}, of which --picture shows nothing; omit it")
+            raise UsageError(f"{a}: is a {_NAMES[kind]}, which --picture cannot show; omit it")
         read, measure = _METHODS[kind]
         with progress.stage("load"):
             first, second = read(a), read(b)
@@ -169,7 +169,7 @@ def compare(
             answer = difference.answer(options.tolerance)
         if "picture" in paths:
             if difference.pair is None:
-                raise UsageError(f"{a}, {b}: have no textures to be compared, so --picture shows nothing; omit it")
+                raise UsageError(f"{a}, {b}: have no textures for --picture to show; omit it")
             write_colors(outputs.path(paths["picture"]), comparison_picture(difference.pair))
         lines = [f"{path}: {line}" for path, side in ((a, first), (b, second)) for line in side.warnings]
         document = CompareReport(

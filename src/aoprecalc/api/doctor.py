@@ -1,4 +1,7 @@
-"""What this machine can bake with: each renderer is tried in a process of its own, which it may crash or hang."""
+"""Doctor: what this machine can bake with, whether a small bake comes out right, and what to install.
+
+Each renderer is tried in a process of its own, which it may crash or hang.
+"""
 
 import json
 from collections.abc import Sequence
@@ -84,7 +87,7 @@ def _probe_command(*request: str) -> list[str]:
     return command("aoprecalc.api.probe", *request)
 
 
-# The report: what this machine can bake with, whether a small bake comes out right, and what to install.
+# The report.
 
 _SELF_TEST = command("aoprecalc.api.self_test")
 _SELF_TEST_SECONDS = 60.0  # that the self-test may take; two are plenty on two cores

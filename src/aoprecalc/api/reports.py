@@ -94,18 +94,18 @@ class RayTracedErrors(Report):
 
     @classmethod
     def of(cls, verified: TextureErrors) -> "RayTracedErrors":
-        """Round what was measured."""
+        """Return rounded errors."""
         levels = [
             LevelErrors(level, **{name: round(value, 6) for name, value in asdict(errors).items()})
             for level, errors in enumerate(verified.levels)
         ]
         worst = [
             PointError(
-                place.position,
-                (round(place.uv[0], 6), round(place.uv[1], 6)),
-                *(round(number, 6) for number in (place.value, place.reference, place.error)),
+                point.position,
+                (round(point.uv[0], 6), round(point.uv[1], 6)),
+                *(round(number, 6) for number in (point.value, point.reference, point.error)),
             )
-            for place in verified.worst
+            for point in verified.worst
         ]
         return cls(verified.points, verified.rays, tuple(levels), tuple(worst))
 
@@ -149,7 +149,7 @@ class BakeOutputs(Report):
 
 @dataclass(frozen=True)
 class UvSetCheck(Report):
-    """Why a UV set of the file can hold a bake (`fault` is empty) or cannot; see `types.UvCheck`."""
+    """Whether a UV set of the file can hold a bake (`fault` is empty), or why not; see `types.UvCheck`."""
 
     uv_set: int
     flat_faces: int
@@ -223,7 +223,6 @@ class BakeReport(Document):
     texels : TexelCounts
     ao : OcclusionStatistics
     verify : RayTracedErrors or None
-        Errors against ray tracing, where asked for.
     seconds : dict of str to float
         Per stage, and ``"total"``.
     warnings : tuple of str
@@ -253,9 +252,6 @@ class BakeReport(Document):
     def error(self) -> float | None:
         """Estimated RMS sampling error of a texel; None where too few directions tell it (up to 128)."""
         return self.estimated_error
-
-
-# Sphere sets.
 
 
 @dataclass(frozen=True)

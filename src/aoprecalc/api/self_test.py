@@ -79,7 +79,7 @@ def run_self_test(backend: Backend = "auto") -> dict[str, Any]:
 
 
 def open_box() -> tuple[Scene, Float64Array]:
-    """Return a box without a lid whose faces look inwards, and its opening, (4, 3), clockwise seen from inside."""
+    """Return a box without a lid whose faces point inwards, and its opening, (4, 3), clockwise seen from inside."""
     corners = np.array([(0, 0), (_WIDTH, 0), (_WIDTH, _DEPTH), (0, _DEPTH)])
     floor, opening = (np.column_stack([corners, np.full(4, height)]) for height in (0, _HEIGHT))
     ring = np.arange(4)

@@ -56,7 +56,7 @@ class VerifiedTexture(Report):
 
 @dataclass(frozen=True)
 class VerifyOutputs(Report):
-    """Paths of the files that were written; None for those that were not asked for."""
+    """Paths of the files that were written, if any."""
 
     heat_map: str | None = field(default=None, metadata=OMIT_NONE)
     report: str | None = field(default=None, metadata=OMIT_NONE)
@@ -182,9 +182,8 @@ def verify(
         if "heat_map" in paths:
             with timer.stage("heat map"):
                 _write_heat_map(outputs.path(paths["heat_map"]), scene, atlas, picture, verified)
-        document = _report(scene, atlas, picture, verified, options)
         document = replace(
-            document,
+            _report(scene, atlas, picture, verified, options),
             outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),
             seconds=timer.seconds(),
             warnings=(

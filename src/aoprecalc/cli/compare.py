@@ -70,8 +70,8 @@ def _table(report: "CompareReport") -> list[str]:
         lines.append(f"difference {report.difference:.6f} ({meaning}), at most {report.tolerance:g} is allowed")
     if "triangles" in details:
         parts = [(name, details[name]) for name in ("position", "uv", "normal")]
-        found = ", ".join(f"{name} {value:.6f}" for name, value in parts if value is not None)
-        lines.append(f"{details['triangles']} triangles: {found}")
+        distances = ", ".join(f"{name} {value:.6f}" for name, value in parts if value is not None)
+        lines.append(f"{details['triangles']} triangles: {distances}")
     pixels = details if report.kind == "texture" else details.get("texture")
     if pixels:
         lines.append(
@@ -83,6 +83,6 @@ def _table(report: "CompareReport") -> list[str]:
         count = ", ".join(map(str, details["spheres"]))
         lines.append(f"{count} spheres: centre {details['center']:.6f}, radius {details['radius']:.6f}")
     if "places" in details:
-        lines.append(f"{details['numbers']} numbers, {details['differing']} places differ")
-        lines += [f"  {place['at']}: {place['a']!r} became {place['b']!r}" for place in details["places"]]
+        lines.append(f"{details['numbers']} numbers, {details['differing']} differences")
+        lines += [f"  {entry['at']}: {entry['a']!r} became {entry['b']!r}" for entry in details["places"]]
     return lines
