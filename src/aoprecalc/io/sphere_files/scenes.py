@@ -77,7 +77,7 @@ def spheres_glb(spheres: SphereSet, scene: Scene | None) -> bytes:
 
 
 def _add(document: Json, name: str, primitive: Json, material: Json) -> int:
-    """Add a mesh of one primitive with a material of its own; return its number."""
+    """Add a mesh of one primitive and its material; return the index of the mesh."""
     document["materials"].append(material)
     primitive["material"] = len(document["materials"]) - 1
     document["meshes"].append({"name": name, "primitives": [primitive]})
