@@ -294,8 +294,8 @@ def test_the_command_says_what_it_holds_and_removes(ring, pool, command, monkeyp
     ("words", "expected"),
     [
         (["prune"], "nothing says what to remove; give --max-size, --max-age or --all"),
-        (["prune", "--max-age", "30"], "'30' is no time; expected a number and h, d or w, such as 30d"),
-        (["prune", "--max-size", "30"], "'30' is no amount of bytes"),
+        (["prune", "--max-age", "30"], "'30' was found; expected a time with h, d or w, such as 30d"),
+        (["prune", "--max-size", "30"], "'30' was found; expected an amount of memory with K, M, G or T"),
         (["clear"], "No such command 'clear'"),
     ],
 )
