@@ -45,6 +45,7 @@ def test_it_makes_each_asset_once_and_holds_one_to_a_golden_texture(project):
     assert (code, lines[-1]) == (1, "build/props/crate_ao.png and crate_ao.png: different")
 
 
+@pytest.mark.slow
 def test_a_mesh_that_fails_costs_the_others_nothing(project):
     (project / "assets" / "broken.obj").write_text("v 0 0 0\n", encoding="utf-8")
     code, lines, _ = build(project, "assets", "--golden", "broken_ao.png")

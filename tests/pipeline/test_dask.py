@@ -86,6 +86,7 @@ def test_a_cluster_makes_the_same_bytes(two_workers, meshes, expected, tmp_path,
     assert sorted(result.asset.name for result in progress.results) == NAMES
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, meshes, expected, tmp_path):
     killed, done = [], threading.Event()
 
