@@ -63,6 +63,10 @@ WRONG = [
     ("centers", "too far", lambda: ao.measure_spheres(tetrahedron(), [[1e300, 0, 0]], [1.0])),
     ("radii", "shape (2,), (1,) was expected", lambda: ao.measure_spheres(tetrahedron(), np.zeros((1, 3)), [1, 2])),
     ("radii", "value -1, numbers >= 0", lambda: ao.measure_spheres(tetrahedron(), np.zeros((1, 3)), [-1])),
+    ("options", "of type str, BakeOptions", lambda: ao.bake(tetrahedron(), "build/")),
+    ("options", "of type BakeOptions, SphereOptions", lambda: ao.fit_spheres(tetrahedron(), ao.BakeOptions())),
+    ("options", "of type dict, VerifyOptions", lambda: ao.verify(tetrahedron(uvs=UVS), np.ones((2, 2)), {})),
+    ("options", "of type float, CompareOptions", lambda: ao.compare("a.png", "b.png", 0.1)),
     ("a", "of type ndarray, the path", lambda: ao.compare(POINTS, "b.png")),
 ]
 

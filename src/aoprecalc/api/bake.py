@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from aoprecalc.api.bake_scene import bake_report, bake_scene
-from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh
+from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, warn_of_shared_uvs
 from aoprecalc.io import (
@@ -159,7 +159,7 @@ def bake(
     >>> result = ao.bake("car.glb", ao.BakeOptions(size=1024))  # doctest: +SKIP
     >>> result.save("build/")  # doctest: +SKIP
     """
-    options, progress = options or BakeOptions(), progress or Progress()
+    options, progress = given_or_default(options, BakeOptions), progress or Progress()
     timer = StageTimer(progress)
     if verify:
         require_embreex()

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from aoprecalc.api.mesh import given_or_default
 from aoprecalc.api.reports import Document
 from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.io import (
@@ -148,7 +149,7 @@ def compare(
     for argument, value in (("a", a), ("b", b)):
         if not isinstance(value, str | PathLike):
             raise ArgumentError(argument, f"is of type {type(value).__name__}, the path of a file was expected")
-    options, progress = options or CompareOptions(), progress or Progress()
+    options, progress = given_or_default(options, CompareOptions), progress or Progress()
     a, b = Path(a), Path(b)
     wanted = {"picture": (picture, f"{a.stem}_compare.png"), "report": (report, f"{a.stem}_compare.json")}
     paths = {name: output_path(output, default) for name, (output, default) in wanted.items() if output is not None}

@@ -4,7 +4,7 @@ import re
 import sys
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Self, Union
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from aoprecalc.types import Float32Array, Float64Array, Int32Array, Scene
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
+OptionsT = TypeVar("OptionsT")
 MeshLike = Union["Mesh", "Trimesh", str, PathLike[str]]
 
 
@@ -241,6 +242,13 @@ def as_mesh(mesh: MeshLike) -> Mesh:
     if _is_trimesh(mesh):
         return Mesh.from_trimesh(mesh)
     raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, a Mesh, a path or a trimesh.Trimesh was expected")
+
+
+def given_or_default(options: OptionsT | None, kind: type[OptionsT]) -> OptionsT:
+    """Return the options of a job; raises ArgumentError where they are of another kind."""
+    if options is not None and not isinstance(options, kind):
+        raise ArgumentError("options", f"is of type {type(options).__name__}, {kind.__name__} was expected")
+    return kind() if options is None else options
 
 
 def _is_trimesh(mesh: object) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.mesh import MeshLike, as_mesh
+from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import SphereQuality
 from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.io import Outputs, load_scene, numbers, source_files
@@ -135,7 +135,7 @@ def fit_spheres(
     >>> spheres = ao.fit_spheres("car.glb", ao.SphereOptions(64, method="shadow"))  # doctest: +SKIP
     >>> spheres.centers.shape, spheres.quality.silhouette_iou  # doctest: +SKIP
     """
-    options, progress = options or SphereOptions(), progress or Progress()
+    options, progress = given_or_default(options, SphereOptions), progress or Progress()
     with progress.stage("load"):
         mesh = as_mesh(mesh)
     result = _fit(mesh._scene, mesh.name, options, progress)
@@ -182,7 +182,7 @@ def measure_spheres(
     >>> import aoprecalc as ao
     >>> quality = ao.measure_spheres("car.glb", *ao.load_spheres("car.json"))  # doctest: +SKIP
     """
-    options, progress = options or SphereOptions(), progress or Progress()
+    options, progress = given_or_default(options, SphereOptions), progress or Progress()
     points = numbers("centers", centers, ("n", 3))
     lengths = numbers("radii", radii, (len(points),))
     if not len(points):

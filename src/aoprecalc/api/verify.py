@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
 from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.io import (
@@ -160,7 +160,7 @@ def verify(
     ----------
     The value is that of *Précalcul*, equation 1.1.1.1; the rays are stratified and cosine-weighted.
     """
-    options, progress = options or VerifyOptions(), progress or Progress()
+    options, progress = given_or_default(options, VerifyOptions), progress or Progress()
     name = Path(mesh).stem if isinstance(mesh, str | PathLike) else getattr(mesh, "name", "mesh")
     timer = StageTimer(progress)
     wanted = {"heat_map": (heat_map, f"{name}_heat_map.png"), "report": (report, f"{name}_verify.json")}
