@@ -215,6 +215,8 @@ def load_spheres(path: str | PathLike[str]) -> tuple[Float64Array, Float64Array]
     InputError
         If the file is missing or holds no spheres.
     """
+    if not isinstance(path, str | PathLike):
+        raise ArgumentError("path", f"is of type {type(path).__name__}, the path of a sphere file was expected")
     return read_spheres(Path(path))
 
 

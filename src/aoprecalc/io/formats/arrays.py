@@ -117,7 +117,8 @@ def _array(argument: str, values: ArrayLike, shapes: Sequence[Shape]) -> NDArray
         same = (isinstance(size, str) or size == found for size, found in zip(shape, array.shape, strict=False))
         if len(shape) == array.ndim and all(same):
             return array
-    raise ArgumentError(argument, f"has the shape {array.shape}, {_either(shapes)} was expected")
+    found = f"has the shape {array.shape}," if array.ndim else f"is of type {type(values).__name__}, the shape"
+    raise ArgumentError(argument, f"{found} {_either(shapes)} was expected")
 
 
 def _either(shapes: Sequence[Shape]) -> str:
