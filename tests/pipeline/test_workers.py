@@ -1,7 +1,9 @@
 """Whatever happens to a worker process is the outcome of one job."""
 
+import signal
 import sys
 import threading
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -179,6 +181,23 @@ def test_a_process_that_cannot_be_used_is_an_outcome(tmp_path, monkeypatch):
     outcomes = {event.job.name: event.outcome for event in events if event.outcome is not None}
     assert outcomes.keys() == {"a", "b"}
     assert outcomes["a"].message == "in/a.obj: its process could not be used (ValueError: no such thing here)"
+
+
+def test_ctrl_c_is_seen_even_if_it_does_not_end_the_wait(tmp_path, monkeypatch):
+    """Such as one that comes just before the wait, or in another thread."""
+    was_stopped = []
+
+    def endless(self, request, on_stage, *, stop, **limits):
+        time.sleep(0.2)  # the main thread waits now
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+        was_stopped.append(stop.wait(PATIENCE))
+        return Failure("stopped", "was stopped")
+
+    monkeypatch.setattr(WorkerProcess, "run", endless)
+    events = ProcessPool(1, BatchOptions()).run([job(tmp_path, "ring")])
+    with pytest.raises(KeyboardInterrupt), closing(events):
+        list(events)
+    assert was_stopped == [True]
 
 
 @pytest.mark.slow

@@ -9,12 +9,19 @@ import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilityTask
-from aoprecalc.subprocesses import ChildKilledError, ChildStoppedError, ChildTimeoutError, DuplexChild, StepCallback
+from aoprecalc.subprocesses import (
+    POLL_SECONDS,
+    ChildKilledError,
+    ChildStoppedError,
+    ChildTimeoutError,
+    DuplexChild,
+    StepCallback,
+)
 from aoprecalc.system import usable_memory, whole_cores
 
 _MAX_JOBS = 100  # of one process, so that what libraries leak does not grow without bounds
@@ -168,7 +175,10 @@ class ProcessPool:
         with _running_threads(run_jobs, self._size, stop):
             pending = len(jobs)
             while pending:
-                event = events.get()
+                try:  # a wait without end may miss a signal: one just before it, or in another thread, ends no wait
+                    event = events.get(timeout=POLL_SECONDS)
+                except Empty:
+                    continue
                 pending -= event.outcome is not None
                 yield event
 
