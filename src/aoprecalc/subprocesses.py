@@ -34,7 +34,7 @@ _LOG_TAIL = 2000  # bytes of a long-lived child's log that are read to explain i
 _KILLS = [getattr(signal, name, None) for name in ("SIGKILL", "SIGTERM", "SIGINT")]  # sent by others
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
-# What Rust prints when a thread panics (where, and on the next line why); other threads may wait for it for ever.
+# What Rust prints when a thread panics (where, and on the next line why); other threads may wait for it forever.
 _PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
 
 

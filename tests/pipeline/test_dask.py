@@ -276,7 +276,7 @@ class FakeClient:
 
     def __init__(self, **place):
         self.place = WorkerInfo(
-            **{"version": workers.__version__, "host": "far", "cores": 8, "gpus": 0, "sees_folder": True, **place}
+            **{"version": workers.__version__, "host": "far", "cores": 8, "gpus": 0, "has_folder": True, **place}
         )
 
     def run(self, function, *words):
@@ -296,8 +296,8 @@ def test_jobs_share_the_cores_of_their_machine():
 
 
 def test_a_folder_that_workers_do_not_see_is_an_error(tmp_path):
-    pool = workers.DaskPool(FakeClient(sees_folder=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
-    with pytest.raises(AoprecalcError, match="not all workers see"):
+    pool = workers.DaskPool(FakeClient(has_folder=False), BatchOptions(scheduler="tcp://far:8786", ship="folder"))
+    with pytest.raises(AoprecalcError, match="not all workers have access to"):
         next(pool.run([FakeJob(tmp_path)]))
 
 

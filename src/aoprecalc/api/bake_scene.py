@@ -88,10 +88,11 @@ def bake_scene(
             f"{len(texels)} texels are covered but face none of {2 * len(setup.axes)} directions; use more --directions"
         )
     with timer.stage("finish"):
-        paintings = [resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in sides]
-        texture = pad_and_fill(
-            lighter_of_sides(paintings[0], paintings[-1]), options.padding, options.fill, repeats=atlas.repeats
-        )
+        resolved_sides = [
+            resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in sides
+        ]
+        lighter = lighter_of_sides(resolved_sides[0], resolved_sides[-1])
+        texture = pad_and_fill(lighter, options.padding, options.fill, repeats=atlas.repeats)
     baked = Baked(
         scene=scene,
         texture=texture,

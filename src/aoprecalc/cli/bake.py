@@ -37,7 +37,7 @@ from aoprecalc.options import BakeOptions
 @options_of(BakeOptions)
 @output_options
 def bake(mesh: str, **given: Any) -> None:
-    """Bake the ambient occlusion of MESH (.obj .ply .stl .off .gltf .glb .dae .3mf) into a texture.
+    """Bake the ambient occlusion of MESH (.obj .ply .stl .off .gltf .glb .dae .zae .3mf) into a texture.
 
     Writes the texture and the mesh that it belongs to.
     """

@@ -31,7 +31,7 @@ from aoprecalc.options import SphereOptions
 )
 @output_options
 def spheres(mesh: str, **given: Any) -> None:
-    """Fit spheres to the surface of MESH (.obj .ply .stl .off .gltf .glb .dae .3mf), for soft shadows or collisions.
+    """Fit spheres to MESH (.obj .ply .stl .off .gltf .glb .dae .zae .3mf), for soft shadows or collisions.
 
     Writes them in the mesh's own coordinates, in the format of the output's extension.
     """

@@ -96,7 +96,7 @@ class BakeOptions(_TextureSize, LightOptions):
         "Light directions, uniform on the sphere.", "-n", range=(1, 1_000_000),
         more="They come in pairs, so an odd number is rounded up.")] = 1000
     sampling: Annotated[Sampling, _visibility(
-        "Choose the directions on an even lattice, or at random.",
+        "Choose the directions on a uniform lattice, or at random.",
         more="Random directions are antithetic pairs drawn from `seed`.")] = "fibonacci"
     seed: Annotated[int, _visibility("Seed of the random directions.", range=(0, 2**32 - 1))] = 0
     estimator: EstimatorField = "ratio"

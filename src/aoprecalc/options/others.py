@@ -47,7 +47,7 @@ class SphereOptions(Validated):
     method: Annotated[Method, _spheres(
         "Cluster means (lloyd), least squares (algebraic), best silhouettes (shadow), or spheres that contain the "
         "whole surface (collision).",
-        more="For soft shadows shadow is the best; lloyd and algebraic are the source's.")] = "lloyd"
+        more="For soft shadows shadow is the best; lloyd and algebraic are those of the report Précalcul.")] = "lloyd"
     tolerance: Annotated[float | None, _spheres(
         "Find the smallest number of spheres whose error is at most E, instead of `spheres`.", range=(0, 1),
         metavar="E", default_text="take `spheres`", instead_of="spheres",
@@ -125,7 +125,7 @@ class BatchOptions(Validated):
         default_text="work on this machine")] = None
     ship: Annotated[Ship, _cluster(
         "How files get to the workers and back: through a folder that they share, or as bytes over the network.",
-        more="auto: folder, if all workers see the output folder under the same path.")] = "auto"
+        more="auto: folder, if all workers have access to the output folder under the same path.")] = "auto"
     split: Annotated[bool, _cluster(
         "Divide the visibility of each bake among the workers, one mesh after the other.")] = False
 

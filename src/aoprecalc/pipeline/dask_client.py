@@ -1,4 +1,4 @@
-"""Batches on a Dask cluster: a pool that runs jobs on its workers, and visibility that its workers share."""
+"""Batches on a Dask cluster: jobs on its workers, and one bake's visibility computed in parts by several of them."""
 
 import logging
 import os
@@ -40,7 +40,7 @@ from aoprecalc.visibility.setup import BakeSetup, SurfaceSide, chunks
 _CLUSTER_TIMEOUT = 30  # seconds for a scheduler to answer, and to have a worker
 _POLL_SECONDS = 1  # between two checks that there are workers
 _QUEUED_JOBS = 2  # jobs at the scheduler beyond one for each thread, so that no worker waits for the next
-_RETRY = "check its scheduler and workers, and run the same command again"
+_RETRY_ADVICE = "check its scheduler and workers, and run the same command again"
 
 
 @contextmanager
@@ -118,14 +118,14 @@ class DaskPool:
 
     def _next_done(self, done: "SimpleQueue[Any]") -> Any:
         """Wait for the next future that is done; raises TimeoutError if there are no workers for long."""
-        last_worker = time.monotonic()
+        last_time_with_workers = time.monotonic()
         while True:
             try:
                 return done.get(timeout=_POLL_SECONDS)
             except Empty:
                 now = time.monotonic()
-                last_worker = now if self._worker_threads() else last_worker
-                if now - last_worker > _CLUSTER_TIMEOUT:
+                last_time_with_workers = now if self._worker_threads() else last_time_with_workers
+                if now - last_time_with_workers > _CLUSTER_TIMEOUT:
                     raise TimeoutError(f"it has had no workers for {_CLUSTER_TIMEOUT} s") from None
 
     def close(self) -> None:
@@ -136,11 +136,11 @@ class DaskPool:
     def _submitter(self, jobs: Sequence[Job]) -> Callable[[Job], Any]:
         """Return a function that submits a job, with its files or for workers that share the folder."""
         workers = _describe_workers(self._client, str(jobs[0].staging.parent)).values()
-        all_see = all(worker.sees_folder for worker in workers)
-        if self._options.ship == "folder" and not all_see:
-            message = f"--ship folder: not all workers see {jobs[0].folder}"
+        all_have_folder = all(worker.has_folder for worker in workers)
+        if self._options.ship == "folder" and not all_have_folder:
+            message = f"--ship folder: not all workers have access to {jobs[0].folder}"
             raise AoprecalcError(f"{message}; share it with them, or use --ship bytes")
-        in_folder = self._options.ship != "bytes" and all_see
+        in_folder = self._options.ship != "bytes" and all_have_folder
         has_gpus = any(worker.gpus for worker in workers)
         settings = BatchSettings(self._batch_id, __version__, self._options.timeout, self._options.retries)
 
@@ -173,7 +173,7 @@ def _describe_workers(client: Any, folder: str) -> dict[str, WorkerInfo]:
     """Return what each worker is, by its address; raises AoprecalcError if one cannot work for this batch."""
     try:
         workers: dict[str, WorkerInfo] = client.run(worker_info, folder)
-    except Exception as error:  # of any kind: a worker cannot import the package
+    except Exception as error:  # Dask re-raises whatever the worker raised, usually ImportError
         reason = _one_line(str(error), 160)
         raise AoprecalcError(
             f"the workers of the cluster cannot load aoprecalc {__version__} ({reason}); install it there"
@@ -197,7 +197,7 @@ def _read_inputs(job: Job) -> dict[str, bytes]:
 
 
 def _lost(job: Job, reason: str) -> Failure:
-    return Failure("crash", f"{job.label}: the cluster was lost ({_one_line(reason, 200)}); {_RETRY}")
+    return Failure("crash", f"{job.label}: the cluster was lost ({_one_line(reason, 200)}); {_RETRY_ADVICE}")
 
 
 def _outcome(job: Job, future: Any) -> Outcome:
@@ -280,7 +280,7 @@ class DaskVisibilitySource:
         except Exception as error:  # Dask raises errors of many kinds if workers are lost
             reason = _one_line(f"{type(error).__name__}: {error}", 300)
             message = f"the cluster could not evaluate the visibility of group {group} of the axes ({reason})"
-            raise AoprecalcError(f"{message}; {_RETRY}") from error
+            raise AoprecalcError(f"{message}; {_RETRY_ADVICE}") from error
         if not isinstance(outcome, VisibilitySums):
             raise AoprecalcError(outcome.message)
         axes = self._setup.groups[group]
@@ -288,5 +288,5 @@ class DaskVisibilitySource:
         return np.asarray(outcome.sums)
 
     def unused(self) -> list[Any]:
-        """Return the futures that nobody has waited for, as when the target error was reached early."""
+        """Return the futures that were not waited for, as when the target error was reached early."""
         return list(self._futures.values())

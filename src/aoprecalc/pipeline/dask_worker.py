@@ -17,25 +17,25 @@ from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilitySums, Visib
 from aoprecalc.pipeline.workers import WorkerProcess
 from aoprecalc.system import whole_cores
 
-_IDLE_SECONDS = 60  # after which an idle process ends: its batch may have died without a word
+_IDLE_SECONDS = 60  # after which an idle process ends: the client may have disconnected without calling end_batch
 
 
 @dataclass(frozen=True)
 class WorkerInfo:
     """What a batch needs to know of a Dask worker.
 
-    version       of its aoprecalc
-    host          its machine
-    cores         that it may use
-    gpus          that it offers as Dask resource GPU; 0: none
-    sees_folder   whether a folder of the batch exists there
+    version      of its aoprecalc
+    host         its machine
+    cores        that it may use
+    gpus         that it offers as Dask resource GPU; 0: none
+    has_folder   whether a folder of the batch exists there
     """
 
     version: str
     host: str
     cores: int
     gpus: float
-    sees_folder: bool
+    has_folder: bool
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ def worker_info(folder: str, dask_worker: Any = None) -> WorkerInfo:
         host=socket.gethostname(),
         cores=whole_cores(),
         gpus=resources.get("GPU", 0),
-        sees_folder=os.path.isdir(folder),
+        has_folder=os.path.isdir(folder),
     )
 
 
 def run_in_shared_folder(job: Job, settings: BatchSettings) -> Outcome:
     """Run a job on files that this machine has under the same paths."""
     if not job.staging.parent.is_dir():
-        return Failure("error", f"{job.label}: {socket.gethostname()} does not see {job.folder}; use --ship bytes")
+        return Failure("error", f"{job.label}: {socket.gethostname()} has no access to {job.folder}; use --ship bytes")
     return cast(Outcome, _run(job, settings))
 
 

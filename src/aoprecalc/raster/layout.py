@@ -83,7 +83,7 @@ def _copy_to_tiles(uvs: Float64Array) -> tuple[Float64Array, Int32Array]:
 
 def texel_positions(atlas: Atlas, texels: Texels, samples: Samples) -> Float32Array:
     """Return the positions of samples, (k, 2) float32 texels right and down; arbitrary for those without a face."""
-    # Near the origin first: 32 bits do not resolve a texel far from it, and all repeats are the same.
+    # Wrap UVs into the first tile before rounding to float32, to keep sub-texel precision.
     uvs = atlas.uvs - np.floor(atlas.uvs.min(axis=1, keepdims=True)) if atlas.repeats else atlas.uvs
     corners = (uvs * (texels.width, -texels.height) + (0.0, texels.height)).astype(np.float32)
     # From the first corner along both sides: half the time of a sum over three corners.
@@ -101,19 +101,20 @@ def area_per_texel(scene: Scene, atlas: Atlas, texels: Texels) -> Float64Array:
     """
     surface = np.linalg.norm(area_vectors(to_unit_sphere(scene.positions)[scene.faces]), axis=1) / 2
     first, second = atlas.uvs[:, 1] - atlas.uvs[:, 0], atlas.uvs[:, 2] - atlas.uvs[:, 0]
-    share = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
-    areas: Float64Array = surface / np.maximum(share * texels.width * texels.height, 1.0)
+    uv_areas = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+    areas: Float64Array = surface / np.maximum(uv_areas * texels.width * texels.height, 1.0)
     return areas
 
 
-# Samples are kept off chart borders: at a crease, a point there would lie in the very wall that ought to hide it.
+# Keep samples off chart borders. At a concave edge a sample on the border lies in the neighbouring face, so that face
+# cannot occlude it; samples are moved inwards.
 
 
 def min_corner_weights(layout: Layout) -> Float32Array:
-    """Return the least barycentric weights of samples on each face, (f, 3) float32, 0 where no border is opposite.
+    """Return the least barycentric weights of samples on each face, (f, 3) float32.
 
-    f is one more than the greatest face of the layout. A border's samples lie BORDER_OFFSET texels from it, or less
-    where the face is too thin for that; see border.frag.glsl.
+    It is 0 for a corner whose opposite edge is not a chart border. f is one more than the greatest face of the layout.
+    A border's samples lie BORDER_OFFSET texels from it, or less where the face is too thin; see border.frag.glsl.
     """
     least: Float32Array = np.zeros((int(layout.faces.max(initial=-1)) + 1, 3), np.float32)
     start, end, apex = layout.borders.transpose(1, 0, 2)
@@ -128,7 +129,7 @@ def min_corner_weights(layout: Layout) -> Float32Array:
 
 def move_off_borders(weights: Float32Array, faces: Int32Array, least: Float32Array) -> Float32Array:
     """Raise barycentric weights, (n, 3), to the least ones of their faces; -1 is no face."""
-    bordering = np.append(least.any(axis=1), False)  # the last one for those without a face
+    bordering = np.append(least.any(axis=1), False)  # face -1 (no face) reads the appended False
     close = np.flatnonzero(bordering[faces])
     close = close[(weights[close] < least[faces[close]]).any(axis=1)]
     if not len(close):

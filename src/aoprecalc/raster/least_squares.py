@@ -38,7 +38,7 @@ class LeastSquaresImage:
     def __init__(self, width: int, height: int, *, repeats: bool) -> None:
         """Start without samples; beyond an edge look-ups repeat if `repeats`, else they are clamped."""
         self._shape, self._repeats = (height, width), repeats
-        self._right_side: Float32Array = np.zeros(self._shape, np.float32)
+        self._rhs: Float32Array = np.zeros(self._shape, np.float32)
         self._diagonal: Float32Array = np.zeros(self._shape, np.float32)
         self._off_diagonal = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
@@ -66,10 +66,10 @@ class LeastSquaresImage:
                 self._add_pending()
                 self._offset = offset
                 self._at_offset = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
-            there, texel = self._find_at_offset(offset, positions)
-            np.add.at(self._at_offset[0].reshape(-1), texel[there], weights[there].astype(np.float32))
-            np.add.at(self._at_offset[1].reshape(-1), texel[there], (weights * values)[there].astype(np.float32))
-            positions, values, weights = positions[~there], values[~there], weights[~there]
+            is_at, texel = self._find_at_offset(offset, positions)
+            np.add.at(self._at_offset[0].reshape(-1), texel[is_at], weights[is_at].astype(np.float32))
+            np.add.at(self._at_offset[1].reshape(-1), texel[is_at], (weights * values)[is_at].astype(np.float32))
+            positions, values, weights = positions[~is_at], values[~is_at], weights[~is_at]
         self._add_each(positions, values, weights)
 
     def sampled_texels(self) -> BoolArray:
@@ -86,7 +86,7 @@ class LeastSquaresImage:
         self._add_pending()
         # The taps of a look-up add up to 1, so this is the sum of weight * tap weight.
         reads = self._multiply(np.ones(self._shape, np.float32), self._diagonal)
-        return np.divide(self._right_side, reads, out=np.zeros_like(reads), where=reads > 0)
+        return np.divide(self._rhs, reads, out=np.zeros_like(reads), where=reads > 0)
 
     def solve(self, initial: Float32Array) -> Float32Array:
         """Return the (height, width) float32 image nearest to the samples, by conjugate gradients from `initial`.
@@ -98,7 +98,7 @@ class LeastSquaresImage:
         self._add_pending()
         prior = np.float32(_PRIOR * self._weight / self._count)
         diagonal = self._diagonal + prior
-        residual = self._right_side - self._multiply(initial, self._diagonal)
+        residual = self._rhs - self._multiply(initial, self._diagonal)
         change = np.zeros_like(initial)
         scaled = residual / diagonal
         direction = scaled.copy()
@@ -118,17 +118,17 @@ class LeastSquaresImage:
     def _find_at_offset(self, offset: tuple[float, float], positions: Float32Array) -> tuple[BoolArray, Int64Array]:
         """Return which positions lie at the offset in their texel, off the image's edges, and the texels of all."""
         height, width = self._shape
-        there: BoolArray = np.ones(len(positions), bool)
+        at_offset: BoolArray = np.ones(len(positions), bool)
         corners = []
         for position, expected, size in zip(positions.T, offset, (width, height), strict=True):
             corner = np.floor(position)
-            there &= (
+            at_offset &= (
                 (np.abs(position - corner - np.float32(expected)) < _OFFSET_TOLERANCE * max(self._shape))
                 & (corner > 0)
                 & (corner < size - 1)
             )
             corners.append(corner.astype(np.int64))
-        return there, corners[1] * width + corners[0]
+        return at_offset, corners[1] * width + corners[0]
 
     def _add_pending(self) -> None:
         """Add the samples at one offset of texels off the edges: their look-ups share one set of tap weights."""
@@ -145,7 +145,7 @@ class LeastSquaresImage:
         }
         for (lower, farther), tap in taps.items():
             shift = first[0] + lower, first[1] + farther
-            _add_shifted(self._right_side, shift, tap * weighted)
+            _add_shifted(self._rhs, shift, tap * weighted)
             _add_shifted(self._diagonal, shift, tap * tap * weight)
             for (down_by, right_by), image in self._off_diagonal.items():
                 other = taps.get((lower + down_by, farther + right_by))
@@ -158,7 +158,7 @@ class LeastSquaresImage:
         for (down, right), (index, tap) in taps.items():
             texels, inverse = np.unique(index, return_inverse=True)
             weighted = weights * tap
-            _scatter(self._right_side, texels, inverse, weighted * values)
+            _scatter(self._rhs, texels, inverse, weighted * values)
             _scatter(self._diagonal, texels, inverse, weighted * tap)
             for (down_by, right_by), image in self._off_diagonal.items():
                 other = taps.get((down + down_by, right + right_by))

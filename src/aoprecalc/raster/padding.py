@@ -32,14 +32,14 @@ def resolve_texels(
     """Fit the texture to the samples, starting from the mean values of k texels.
 
     values           (k,) float32 in [0, 1], which count where `measured`, (k,) bool
-    reconstruction   holds the samples, as darkness (1 - value)
+    reconstruction   holds the samples, as occlusion (1 - AO value)
     """
     means: Float32Array = np.zeros((texels.height, texels.width), np.float32)
     valid: BoolArray = np.zeros(means.shape, bool)
     index = texels.index[measured]
     means.ravel()[index], valid.ravel()[index] = values[measured], True
     known = valid | reconstruction.sampled_texels()
-    # As darkness, of which an open surface has exactly none.
+    # As occlusion, which is exactly 0 on an open surface.
     initial = np.where(valid, 1 - means, reconstruction.mean_image())
     fitted = np.clip(1 - reconstruction.solve(initial), 0, 1)
     return ResolvedTexture(np.where(known, fitted, np.float32(0)), known, valid)
@@ -54,7 +54,7 @@ def pad_and_fill(resolved: ResolvedTexture, padding: int, fill: Fill, *, repeats
     """Return the finished texture (Précalcul, section 1.1.3).
 
     padding   texels in the gutter take the value of the nearest known texel at most this far away
-    fill      the remaining texels: mean (of the valid ones, as in the source), pushpull or none (0)
+    fill      the remaining texels: mean (of the valid ones, as in Précalcul), pushpull or none (0)
     repeats   the texture repeats, so that padding continues across its edges
     """
     valid = resolved.valid

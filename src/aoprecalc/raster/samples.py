@@ -13,9 +13,9 @@ CENTER = (0.5, 0.5)  # where a texel is sampled to decide whether it is covered
 
 # Borders, in texels unless said otherwise.
 INSET = 1.0 / 512.0  # shrinks a texel's square, so that a border along its side does not cover it
-BORDER_OFFSET = 0.2  # distance of a border's sample from the border, inside the face, limited by
-MAX_MOVE = 0.4  # the distance that it moves to get there, and
-MAX_SHARE = 0.3  # the share of the way to the face's third corner
+BORDER_OFFSET = 0.2  # distance from a border to its samples, inside the face, unless a limit below is less
+MAX_MOVE = 0.4  # greatest distance that a sample moves from the border towards the face's third corner
+MAX_SHARE = 0.3  # greatest share of the way from the border to that corner that a sample moves
 # Depth in [0, 1] of a border's sample: at the texel's sample, and more for each texel of distance from it.
 BORDER_DEPTH = 0.01  # triangles have depth 0
 DEPTH_PER_TEXEL = 0.4

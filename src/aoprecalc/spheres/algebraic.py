@@ -79,7 +79,7 @@ def _assign(lifted: Float64Array, spheres: Float64Array, labels: Int64Array) -> 
 
     f = |P|^2 - 2 P.S + |S|^2 - r^2 is linear in the lifted samples x, y, z, |P|^2, 1, (s, 5). A sample keeps its
     sphere, labels (s,), unless another is better by more than rounding: samples that lie on two spheres would else
-    alternate between them for ever.
+    alternate between them forever.
     Returns (s,) int64, (s,) float64.
     """
     centers, radii = spheres[:, :3].T, spheres[:, 3]

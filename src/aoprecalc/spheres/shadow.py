@@ -31,9 +31,9 @@ _VIEWS, _RESOLUTION, _VIEW_TURN = 40, 192, 0.25
 _SELECTION_VIEWS = 20  # for the greedy selection
 VIEWS_PER_STEP = 10  # for a step of the descent
 _CANDIDATES = 1000  # of each kind
-_MAX_MEDIAL_RADIUS = 1.0  # normalised; balls this large lie outside the mesh
+_MAX_MEDIAL_RADIUS = 1.0  # normalised; balls that reach this radius are outside and dropped
 _MEDIAL_SAMPLES = 20_000  # surface samples that medial balls must not contain
-_SURFACE_BALL_SIZES = (0.5, 1.0, 1.6)  # in radii of the `count` discs that together have a silhouette's area
+_SURFACE_BALL_SIZES = (0.5, 1.0, 1.6)  # in units of r, where `count` discs of radius r have the mean silhouette area
 _LATER_SIZES = (0.25, 0.5, 1.0)  # in median radii, for spheres that move
 _ROUNDS, _FIRST_MOVED = 8, 0.2  # number of rounds, and the fraction of the spheres that moves in the first
 _SELECTION_STEPS, _ROUND_STEPS, _FINAL_STEPS = 120, 60, 200  # of the descent
@@ -76,7 +76,7 @@ class SilhouetteTarget:
         return float((both / np.maximum(union, 1)).sum() / max(1, np.count_nonzero(union)))
 
     def contributions(self, centers: Float64Array, radii: Float64Array) -> Float64Array:
-        """Return how many more pixels each sphere makes right than wrong, given the others, (n,) float64."""
+        """Return the net number of correct pixels that would be lost without each sphere, (n,) float64."""
         counts = spheres_per_pixel(centers, radii, self.views)
         alone = np.where(counts == 1, self.weights, np.float32(0))
         spans = disc_spans(*self.views.project(centers), radii * self.views.pixels_per_unit, self.views.resolution)
@@ -176,7 +176,7 @@ def greedy_selection(
         column, row, size = columns[:, best : best + 1], rows[:, best : best + 1], sizes[best : best + 1]
         spans = disc_spans(column, row, size, views.resolution)
         if span_sums(spans, weights, len(views)).sum() <= 0:
-            continue  # the corners of its squares gain, but not its discs
+            continue  # the square approximation predicts a gain that the rasterized disc does not have
         selected.append(best)
         weights[span_counts(spans, len(views), views.resolution) > 0] = 0
     return np.array(selected, np.intp)

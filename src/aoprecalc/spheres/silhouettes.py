@@ -51,7 +51,7 @@ class Views:
 
 
 def fibonacci_views(count: int, half_extent: float, resolution: int, turn: float) -> Views:
-    """Return `count` views with evenly spread directions of a hemisphere: opposite views mirror the silhouette.
+    """Return `count` views with uniform directions of a hemisphere: opposite views mirror the silhouette.
 
     turn   rotation of the directions about z, as a fraction of a full turn: gives measurement other views than fitting
     """

@@ -2,8 +2,8 @@
 
 METHOD is xatlas or uvunwrap. xatlas neither releases the interpreter nor can be interrupted, so the parent must be able
 to go on, or to end it. uvunwrap can be interrupted, but a fault inside it (an index out of bounds, on some meshes) ends
-one of its threads and leaves the job undone for ever; the parent reads of the panic on standard error. The protocol is
-that of `subprocesses.ask`.
+one of its threads, and the job never finishes; the parent detects the panic message on stderr. The protocol is that of
+`subprocesses.ask`.
 
 request: positions (v, 3) float32 about one unit across, faces (f, 3) uint32, size and padding in texels
 answer:  uvs (f, 3, 2) float64 in [0, 1], placed (f,) bool: faces that got UVs, charts, gutter
@@ -88,7 +88,10 @@ def _pack_with_xatlas(flat: Float64Array, corners: Int32Array, size: int, gutter
 
 
 def _new_atlas() -> Any:
-    """Return an xatlas.Atlas that is never destroyed: its destructor may wait for ever for a thread that never woke."""
+    """Return an xatlas.Atlas that is never destroyed.
+
+    Its destructor may deadlock on a worker thread that missed its wake-up.
+    """
     import xatlas
 
     _ATLASES.append(xatlas.Atlas())

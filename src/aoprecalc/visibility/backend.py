@@ -1,4 +1,7 @@
-"""What a bake runs on: depth maps in OpenGL, or rays where there is none or where they are asked for."""
+"""What a bake runs on: depth maps in OpenGL, or rays where there is none or where they are asked for.
+
+An axis is a pair of opposite light directions, given by one unit vector.
+"""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

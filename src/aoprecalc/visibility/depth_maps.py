@@ -1,7 +1,8 @@
 """Visibility by depth maps in OpenGL: a near and a far depth for every axis of a batch, compared at the samples.
 
 The method is that of Précalcul, section 1.1.2 (a shadow map for each direction, compared in texture space), with one
-pass for a direction and its opposite, and a comparison of planes instead of depths.
+pass for a direction and its opposite, and a comparison of planes instead of depths. An axis is a pair of opposite light
+directions, given by one unit vector.
 """
 
 from dataclasses import dataclass

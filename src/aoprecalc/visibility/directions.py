@@ -1,8 +1,8 @@
-"""Light directions, uniform on the sphere, as axes: unit vectors that stand for themselves and their opposites.
+"""Light directions, uniform on the sphere, as axes.
 
-Even sets follow the spherical Fibonacci lattice (R. Swinbank and R. J. Purser, "Fibonacci grids", 2006) on the half
-sphere. In index order it sweeps from pole to equator; it is visited with a stride that makes every group of
-GROUP_SIZE axes an even set too.
+An axis is a pair of opposite light directions, given by one unit vector. Uniform sets follow the spherical
+Fibonacci lattice (R. Swinbank and R. J. Purser, "Fibonacci grids", 2006) on the half sphere. In index order it runs
+from the equator to the pole; it is visited with a stride that makes every group of GROUP_SIZE axes uniform too.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from aoprecalc.mesh.normals import normalize
 from aoprecalc.options import Sampling
 from aoprecalc.types import Float64Array
 
-GROUP_SIZE = 64  # axes that share a texel offset and are even by themselves
+GROUP_SIZE = 64  # axes that share a texel offset and are uniform by themselves
 INV_GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 _PLASTIC_RATIO = 1.324717957244746  # generates the R2 sequence of offsets
 _ROTATION = 0.137  # of a whole turn: keeps the first axes away from the planes in which people model
@@ -73,10 +73,10 @@ def orthonormal_basis(units: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def _stride(count: int) -> int:
-    """Return the step through the lattice, coprime to its size, whose first group is most even.
+    """Return the step through the lattice, coprime to its size, whose first group is most uniform.
 
-    Later groups are the same pattern moved along the lattice. Evenness is the potential energy of the group, in which
-    each axis repels the others from both its ends.
+    Later groups are the same pattern moved along the lattice. The most uniform group has the least potential
+    energy, in which each axis repels the others from both its ends.
     """
     if count <= GROUP_SIZE:
         return 1

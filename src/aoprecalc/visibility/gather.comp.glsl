@@ -4,9 +4,9 @@
 // P is hidden if both planes say so:
 //   the receiver's   Q lies above the plane through P at right angles to the geometric normal g;
 //   the occluder's   the plane through Q, at P's position in the map, is nearer to the light than P.
-// Where two faces meet, the first test is exact beside a ridge and the second beside a valley, at any slope; a face never
-// hides itself. So there is no bias to choose: the tolerances are those of the arithmetic, of the map's encoding, and of
-// the grid to which vertices are snapped, by which an occluder may be off sideways.
+// Where two faces meet, the first test is exact at a convex edge and the second at a concave edge, at any slope; a face
+// never hides itself. So there is no bias to choose: the tolerances are those of the arithmetic, of the map's encoding,
+// and of the grid to which vertices are snapped, by which an occluder may be off sideways.
 
 #include "octahedral.glsl"
 #include "map_code.glsl"
@@ -56,10 +56,10 @@ void addAxis(inout Receiver at, int axis) {
         if (towards > 0.0) code = imageLoad(nears, ivec2(read + tile)).r;
         else code = imageLoad(fars, ivec2(read + tile)).r;
         vec3 occluder = mapDecode(code);
-        vec2 aside = (read + 0.5 - map) * pitch;
-        float before = occluder.x - towards * depth;
-        float rise = dot(slope, aside) + abs(g_along) * before;
-        float nearer = before - towards * dot(occluder.yz, aside);
+        vec2 aside = (read + 0.5 - map) * pitch;                    // from P to Q across the axis
+        float before = occluder.x - towards * depth;                // from P to Q along the axis, positive towards the light
+        float rise = dot(slope, aside) + abs(g_along) * before;     // height of Q above the receiver's plane
+        float nearer = before - towards * dot(occluder.yz, aside);  // from P along the axis to the occluder's plane
         bool known = code != 0u && nearer > -length(pitch);
         hidden = known
             && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
@@ -72,8 +72,8 @@ void addAxis(inout Receiver at, int axis) {
 }
 
 Receiver receiver(uint texel) {
-    bool there = texel < texel_count && faces[texel] != NO_FACE;
-    if (!there) return Receiver(vec4(0.0), vec3(0.0), vec3(0.0), vec2(0.0));  // no normals: every weight is 0
+    bool has_face = texel < texel_count && faces[texel] != NO_FACE;
+    if (!has_face) return Receiver(vec4(0.0), vec3(0.0), vec3(0.0), vec2(0.0));  // no normals: every weight is 0
     uint face = 3u * faces[texel];
     return Receiver(
         vec4(uintBitsToFloat(points[texel].xyz), 1.0),

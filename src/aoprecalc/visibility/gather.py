@@ -1,4 +1,7 @@
-"""Ambient occlusion of texels: visibility sums of one group of light axes after the other, and the estimators."""
+"""Ambient occlusion of texels: visibility sums of one group of light axes after the other, and the estimators.
+
+An axis is a pair of opposite light directions, given by one unit vector.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +27,7 @@ from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, texel_offset
 from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, SurfaceSide, chunks
 
-MAX_INSTANCES = 8  # that share UVs: each gets eight of the 64 axes of a group, as many as a batch of maps
+MAX_INSTANCES = 8  # instances tested per UV region: 64 axes / 8 = 8 each, one batch of depth maps
 
 
 def estimate(sums: Float32Array, directions: int, estimator: Estimator) -> tuple[Float32Array, BoolArray]:
@@ -50,19 +53,19 @@ def sampling_error(
     halves       (2, k, 2): visibility sums of the halves
     directions   how many each has used
     Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
-    1 / sqrt(pq) times the error of the whole. But the halves of an even set complete each other: its error falls as
+    1 / sqrt(pq) times the error of the whole. But the halves of a uniform set complete each other: its error falls as
     N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
     are independent.
     """
     if not all(directions):
         return None
-    (first, in_first), (second, in_second) = (
+    (first, measured_first), (second, measured_second) = (
         estimate(sums, count, estimator) for sums, count in zip(halves, directions, strict=True)
     )
-    both = in_first & in_second
-    if not both.any():
+    measured_in_both = measured_first & measured_second
+    if not measured_in_both.any():
         return None
-    difference = np.sqrt(((first[both] - second[both]) ** 2).mean(dtype=np.float64))
+    difference = np.sqrt(((first[measured_in_both] - second[measured_in_both]) ** 2).mean(dtype=np.float64))
     p, q = np.divide(directions, sum(directions))
     correlation = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
     return float(difference * np.sqrt(p * q / correlation))
@@ -81,15 +84,15 @@ class SharedInstances:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Self:
-        """Choose up to MAX_INSTANCES of the instances of each region, evenly where there are more."""
-        sharers: dict[int, list[int]] = {}
+        """Choose up to MAX_INSTANCES of the instances of each region, at equal intervals if there are more."""
+        instances_of_owner: dict[int, list[int]] = {}
         for number, part in enumerate(scene.parts):
             if part.uv_owner is not None:
-                sharers.setdefault(part.uv_owner, [part.uv_owner]).append(number)
-        count = min(max(map(len, sharers.values()), default=1), MAX_INSTANCES)
+                instances_of_owner.setdefault(part.uv_owner, [part.uv_owner]).append(number)
+        count = min(max(map(len, instances_of_owner.values()), default=1), MAX_INSTANCES)
         faces = np.tile(np.arange(len(scene.faces), dtype=np.int32), (count, 1))
         swapped = np.zeros(faces.shape, bool)
-        for owner, parts in sharers.items():
+        for owner, parts in instances_of_owner.items():
             own = scene.parts[owner]
             chosen = [parts[len(parts) * index // count] for index in range(count)] if len(parts) > count else parts
             for index in range(count):
@@ -105,7 +108,7 @@ class SharedInstances:
         count = len(self.faces)
         if count == 1:
             return tester.accumulate(samples, axes, progress)
-        # Every second axis, or every eighth, would be an uneven set; by the golden ratio all subsets are even.
+        # Every n-th lattice point would not be uniform; a golden-ratio sequence gives each instance a uniform subset.
         instance = ((np.arange(len(axes)) * INV_GOLDEN_RATIO + group * INV_GOLDEN_RATIO**2) % 1.0 * count).astype(int)
         sums = np.zeros((len(samples.faces), 2), np.float32)
         for index in np.unique(instance).tolist():
@@ -114,10 +117,10 @@ class SharedInstances:
 
     def _on_instance(self, samples: Samples, index: int) -> Samples:
         """Move the samples to the same points of another instance."""
-        there = samples.faces >= 0
-        swapped = there & self.swapped[index][samples.faces]
+        has_face = samples.faces >= 0
+        swapped = has_face & self.swapped[index][samples.faces]
         weights = np.where(swapped[:, None], samples.weights[:, REVERSED_WINDING], samples.weights)
-        return Samples(np.where(there, self.faces[index][samples.faces], np.int32(-1)), weights)
+        return Samples(np.where(has_face, self.faces[index][samples.faces], np.int32(-1)), weights)
 
 
 class VisibilitySource(Protocol):
@@ -159,7 +162,7 @@ class TexelOcclusion:
     texels           k of them
     values           (k,) float32 in [0, 1]: the mean over the part of each texel that the surface covers
     measured         (k,) bool: texels that have a value
-    reconstruction   every sample at its position in the texture, as darkness (1 - value), to fit an image to
+    reconstruction   every sample at its position in the texture, as occlusion (1 - AO value), to fit an image to
     directions       number of light directions used
     error            the estimated sampling error of `values`, RMS; None where one group of axes was used
     """
@@ -193,11 +196,12 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
             halves[number % 2, chunk] += sums
             for start in range(0, len(sums), FIT_CHUNK):
                 rows = slice(start, start + FIT_CHUNK)
-                some = Samples(samples.faces[rows], samples.weights[rows])
+                part = Samples(samples.faces[rows], samples.weights[rows])
                 values, measured = estimate(sums[rows], count, options.estimator)
-                total = sums[rows, 1] if options.estimator == "ratio" else count  # weight as in the sum of all groups
-                weights = np.where(measured, total * face_areas[some.faces], 0.0)
-                positions = texel_positions(atlas, texels, some)
+                # Weight each group as `estimate` weights it in the total.
+                total = sums[rows, 1] if options.estimator == "ratio" else count
+                weights = np.where(measured, total * face_areas[part.faces], 0.0)
+                positions = texel_positions(atlas, texels, part)
                 reconstruction.add_samples(positions, 1.0 - values, weights, texel_offset(number))
         used[number % 2] += count
         if number % 2 or group is setup.groups[-1]:

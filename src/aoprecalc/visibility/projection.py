@@ -62,7 +62,8 @@ def fit_projections(
     """
     across, upward = orthonormal_basis(axes)
     longest = np.linalg.svd(hull - hull.mean(axis=0), full_matrices=False)[2][0]
-    along_longest = np.arctan2(upward @ longest, across @ longest)  # makes the map of a needle as thin as the needle
+    # Align the map with the longest extent, so that thin objects get a thin map.
+    along_longest = np.arctan2(upward @ longest, across @ longest)
     angles = [np.full(len(axes), angle) for angle in np.arange(_ROTATIONS) * (np.pi / 2 / _ROTATIONS)]
     min_area = np.full(len(axes), np.inf)
     rows = np.zeros((len(axes), 3, 4))

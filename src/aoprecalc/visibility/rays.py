@@ -13,8 +13,9 @@ from aoprecalc.raster.samples import Samples
 from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
-# How far above its face a ray starts, as a share of the bounding radius, so that it does not hit that face; 32-bit
-# positions are good to 1e-7. With ten times as much, rays from a crease start behind the wall that ought to stop them.
+# Distance above its face at which a ray starts, as a share of the bounding radius, so that it does not hit that face;
+# 32-bit positions are good to 1e-7. With ten times as much, rays near a concave edge start behind the neighbouring
+# face, which then cannot occlude them.
 RAY_OFFSET = 1e-5
 _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
 
@@ -83,10 +84,10 @@ class RayTester:
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""
-        there = np.flatnonzero(samples.faces >= 0)
-        points, normals, geometric = self._surface.interpolate(samples.faces[there], samples.weights[there])
+        with_face = np.flatnonzero(samples.faces >= 0)
+        points, normals, geometric = self._surface.interpolate(samples.faces[with_face], samples.weights[with_face])
         origins = (points + RAY_OFFSET * geometric).astype(np.float32)
-        visible, total = np.zeros(len(there)), np.zeros(len(there))
+        visible, total = np.zeros(len(with_face)), np.zeros(len(with_face))
         for axis in axes:
             g_dot_axis, n_dot_axis = geometric @ axis, normals @ axis
             for sign in (1.0, -1.0):
@@ -101,5 +102,5 @@ class RayTester:
                 visible[in_front] += np.where(occluded, 0, weights)
                 progress.advance()
         sums = np.zeros((len(samples.faces), 2), np.float32)
-        sums[there] = np.column_stack([visible, total])
+        sums[with_face] = np.column_stack([visible, total])
         return sums

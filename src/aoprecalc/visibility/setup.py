@@ -1,4 +1,7 @@
-"""The setup of a bake (its texels, sides, axes), and how many texels fit in memory at a time."""
+"""The setup of a bake (its texels, sides, axes), and how many texels fit in memory at a time.
+
+An axis is a pair of opposite light directions, given by one unit vector.
+"""
 
 import os
 import sys
@@ -25,7 +28,7 @@ _PER_TEXTURE_TEXEL = 36  # the planes of the least-squares image, and those of o
 _PER_COVERED_TEXEL = 24  # its index, and the sums of both halves
 _PER_CHUNK_TEXEL = 60  # its sample, its receiver, its sums
 _PER_TEXTURE_TEXEL_SOLVING = 76  # while the least-squares image is solved and no visibility is computed
-_PER_CHUNK_TEXEL_SOLVING = 16  # meanwhile: what the system was not given back
+_PER_CHUNK_TEXEL_SOLVING = 16  # freed memory that the allocator keeps during the solve
 _PER_TRIANGLE = 400  # while occluders are sorted and uploaded
 _MAPS = 1 << 26  # a batch of depth maps, unless a single axis takes more
 _REST = 80 << 20  # that batch, and what the renderer compiles and keeps

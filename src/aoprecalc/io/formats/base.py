@@ -2,7 +2,7 @@
 
 A format is a subclass of `MeshFormat` in a module of this folder, listed once in `aoprecalc.io.meshes.FORMATS`. It
 reads a file into a Scene and, where it can hold UVs, writes the Scene back with the UVs, the normals and the texture of
-a bake. Formats do not know each other: what one can use of another's file is in `SourceDocument` and `PartSource`.
+a bake. Formats do not import each other; they share data through `SourceDocument` and `PartSource`.
 """
 
 from abc import ABC, abstractmethod
@@ -190,30 +190,31 @@ def source_materials(scene: Scene) -> Mapping[str, SourceMaterial]:
     return scene.document.materials if isinstance(scene.document, SourceDocument) else {}
 
 
-MaterialUse = tuple[str | None, bool]  # the name of a material, None for none, and whether its parts receive
+MaterialUse = tuple[str | None, bool]  # the name of a material, None for none, and whether its parts are baked
 
 
 def material_use(part: Part) -> MaterialUse:
-    """Return the material of a part, and whether the part receives."""
+    """Return the material of a part, and whether the part is baked."""
     return (part.source.material if isinstance(part.source, PartSource) else None), part.receives
 
 
 def material_names(parts: Sequence[Part], known: Iterable[str]) -> dict[MaterialUse, str]:
-    """Name the materials of the output: as in the file, with a copy for baked parts where others do not receive.
+    """Name the materials of the output, as in the file.
 
+    If a material is used by baked and unbaked parts, the baked ones get a renamed copy.
     known   names of materials that are taken, beside those of the parts
     """
     uses = list(dict.fromkeys(map(material_use, parts)))
     taken = {*known, *(material for material, _ in uses if material)}
     names: dict[MaterialUse, str] = {}
-    for material, receives in uses:
-        if material is not None and not (receives and (material, False) in uses):
-            names[material, receives] = material
+    for material, baked in uses:
+        if material is not None and not (baked and (material, False) in uses):
+            names[material, baked] = material
             continue
-        name = f"{material}_ao" if material else "baked" if receives else "plain"
+        name = f"{material}_ao" if material else "baked" if baked else "plain"
         free = next(free for free in chain([name], (f"{name}_{n}" for n in count(2))) if free not in taken)
         taken.add(free)
-        names[material, receives] = free
+        names[material, baked] = free
     return names
 
 
@@ -228,7 +229,7 @@ def first_uvs(scene: Scene, part: Part) -> Float64Array | None:
 def output_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
     """Return the UVs to write, (f, 3, 2): parts that share a UV region get those of the part that owns it.
 
-    They are (0, 0) on parts that do not receive.
+    They are (0, 0) on parts that are not baked.
     """
     uvs = np.where(scene.receives[:, None, None], atlas.uvs, 0.0)
     for part in scene.parts:

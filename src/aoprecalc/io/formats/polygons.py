@@ -19,7 +19,7 @@ _EQUAL_WITHIN = 1e-6  # normals and UVs that differ by no more are the same but 
 
 @dataclass(frozen=True, eq=False)
 class OutputFaces:
-    """OutputFaces to write: polygons and, where a polygon cannot stay whole, its triangles.
+    """Faces to write: polygons and, where a polygon cannot stay whole, its triangles.
 
     counts   (m,) corners of each face
     corners  (sum of counts,) a triangle corner with the values of each face corner: 3 t + c for corner c of triangle t

@@ -79,7 +79,7 @@ def _read_text(path: Path, text: str) -> list[MeshPiece]:
     solids = loaded["geometry"] if "geometry" in loaded else {loaded["metadata"]["name"]: loaded}
     # Solids without a name are called geometry_1 and so on.
     pieces = [_soup("mesh" if name.startswith("geometry_") else name, s["vertices"]) for name, s in solids.items()]
-    # trimesh stops without a word at what is not a number, and leaves out a solid that has no end.
+    # trimesh stops silently at what is not a number, and leaves out a solid that has no end.
     found = sum(len(piece.positions) for piece in pieces)
     if found != len(vertices):
         raise damaged_file(path, f"only {found} of its {len(vertices)} vertices are numbers between solid and endsolid")
