@@ -197,6 +197,27 @@ def test_what_a_plan_needs(patterns, output, words, here):
     assert words in message
 
 
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [
+        ({"patterns": None}, "has a value of type NoneType, a path or a sequence of paths was expected"),
+        ({"patterns": ["rock.obj", 5]}, "has a value of type int, a path or a sequence of paths was expected"),
+        ({"patterns": b"rock.obj"}, "has a value of type int, a path or a sequence of paths was expected"),
+        ({"patterns": []}, "has no value, a path or a sequence of paths was expected"),
+        ({"output": 3}, "is of type int, a path was expected"),
+        ({"bake": "--size 64"}, "is of type str, BakeOptions was expected"),
+        ({"spheres": {}}, "is of type dict, SphereOptions was expected"),
+        ({"cache": True}, "is of type bool, a path was expected"),
+        ({"options": BAKE}, "is of type BakeOptions, BatchOptions was expected"),
+    ],
+    ids=str,
+)
+def test_arguments_of_another_type_are_named(wrong, problem, here):
+    (argument,) = wrong
+    assert said(lambda: batch(**{"patterns": "rock.obj", "output": "../out"} | wrong)) == (f"{argument} {problem}", 2)
+    assert not (here / "../out").exists()
+
+
 def test_links_to_folders_are_no_way_for_two_stars(here):
     """They may lead in circles."""
     (here / "props/up").symlink_to("..")

@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import cache as memoize
@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
 from aoprecalc.pipeline.cache import CACHE_TAG, Cache
 from aoprecalc.pipeline.discovery import base_folder, find_meshes, name_assets
@@ -84,6 +84,8 @@ def batch(
 
     Raises
     ------
+    ArgumentError
+        If an argument is of another type.
     InputError
         If a pattern matches no mesh or the manifest cannot be read.
     UsageError
@@ -93,7 +95,20 @@ def batch(
     AoprecalcError
         If a cluster cannot be reached or used.
     """
-    paths = [patterns] if isinstance(patterns, str | PathLike) else list(patterns)
+    paths = list(patterns) if isinstance(patterns, Iterable) and not isinstance(patterns, str) else [patterns]
+    kinds = [type(path).__name__ for path in paths if not isinstance(path, str | PathLike)]
+    if kinds or not paths:
+        found = f"a value of type {kinds[0]}" if kinds else "no value"
+        raise ArgumentError("patterns", f"has {found}, a path or a sequence of paths was expected")
+    for argument, value, kind, expected in (
+        ("output", output, (str, PathLike), "a path"),
+        ("bake", bake, BakeOptions, "BakeOptions"),
+        ("spheres", spheres, SphereOptions, "SphereOptions"),
+        ("cache", cache, (str, PathLike), "a path"),
+        ("options", options, BatchOptions, "BatchOptions"),
+    ):
+        if value is not None and not isinstance(value, kind):
+            raise ArgumentError(argument, f"is of type {type(value).__name__}, {expected} was expected")
     spec = JobSpec(bake, spheres) if bake or spheres else None
     return run_batch(plan_batch([os.fspath(path) for path in paths], output, spec), cache, options, progress)
 
