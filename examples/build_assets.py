@@ -38,7 +38,7 @@ def build(patterns: list[str], folder: Path, size: int, directions: int) -> aopr
         options=aoprecalc.BatchOptions(timeout=600),
         progress=AssetLines(),
     )
-    counts = result.report["counts"]
+    counts = result.report.counts.to_dict()
     print(", ".join(f"{count} {status}" for status, count in counts.items() if count))
     return result
 
@@ -65,7 +65,7 @@ def main() -> int:
     chosen = parser.parse_args()
     try:
         result = build(chosen.patterns, chosen.output, chosen.size, chosen.directions)
-        outputs = [Path(output) for asset in result.report["assets"] for output in asset["outputs"]]
+        outputs = [Path(output) for asset in result.report.assets for output in asset.outputs]
         same = chosen.golden is None or check(chosen.golden, outputs)
     except aoprecalc.AoprecalcError as error:  # nothing was asked for that can be made
         print(f"error: {error}", file=sys.stderr)

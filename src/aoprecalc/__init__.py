@@ -25,6 +25,7 @@ __all__ = [
     "BakeResult",
     "BatchOptions",
     "BatchProgress",
+    "BatchReport",
     "BatchResult",
     "CompareOptions",
     "CompareReport",
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     from aoprecalc.api.verify import VerifyReport, verify
     from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, RendererError, UsageError
     from aoprecalc.options import BakeOptions, BatchOptions, CompareOptions, SphereOptions, VerifyOptions
-    from aoprecalc.pipeline import AssetResult, BatchProgress, BatchResult, batch
+    from aoprecalc.pipeline import AssetResult, BatchProgress, BatchReport, BatchResult, batch
     from aoprecalc.progress import Progress
     from aoprecalc.types import SphereSet
 else:
@@ -77,7 +78,7 @@ else:
         "api.verify": ("VerifyReport", "verify"),
         "errors": ("AoprecalcError", "ArgumentError", "InputError", "OutputError", "RendererError", "UsageError"),
         "options": ("BakeOptions", "BatchOptions", "CompareOptions", "SphereOptions", "VerifyOptions"),
-        "pipeline": ("AssetResult", "BatchProgress", "BatchResult", "batch"),
+        "pipeline": ("AssetResult", "BatchProgress", "BatchReport", "BatchResult", "batch"),
         "progress": ("Progress",),
         "types": ("SphereSet",),
     }

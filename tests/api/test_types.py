@@ -50,7 +50,8 @@ VALUES = """
     options.directions result texture uvs normals error mean warnings parts verified files files.texture result.valid
     spheres spheres.centers spheres.radii spheres.quality spheres.quality.leak spheres.save("a.json") spheres.spheres
     quality quality.silhouette_iou report report.error report.levels report.worst report.passed
-    compared compared.answer compared.difference checked checked.renderers checked.passed batch code
+    compared compared.answer compared.difference checked checked.renderers checked.passed code
+    batch batch.report.counts.made batch.report.seconds
     ao.load_spheres("a.csv") ao.bake ao.load ao.fit_spheres ao.measure_spheres ao.verify ao.compare ao.doctor
 """
 REVEALED = VALUES.split()

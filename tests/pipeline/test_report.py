@@ -9,7 +9,7 @@ import pytest
 from aoprecalc import __version__
 from aoprecalc.io.outputs import json_text
 from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
-from aoprecalc.pipeline.report import AssetResult, batch_report, junit
+from aoprecalc.pipeline.report import AssetResult, BatchReport, junit
 from pipeline.helpers import BAKE, SPHERES
 
 ODD = "ä 日本 <&>\"' \x00\x07\x1b[31m\r\n\t\ud800\ufffe]]> --"
@@ -33,7 +33,9 @@ RESULTS = [
 
 
 def test_the_report_counts_and_has_every_field():
-    report = batch_report(RESULTS, Path("out"), 12.3456)
+    reported = BatchReport.of(RESULTS, Path("out"), 12.3456)
+    assert (reported.counts.failed, reported.assets[1].name, reported.seconds) == (2, "props/chair", 12.346)
+    report = reported.to_dict()
     assert report == json.loads(json_text(report))
     assert {key: value for key, value in report.items() if key != "assets"} == {
         "schema": 1,
@@ -62,7 +64,8 @@ def test_the_report_counts_and_has_every_field():
 
 
 def test_names_that_are_no_text_leave_the_report_legible():
-    text = json_text(batch_report([result("b\udcff", "made", warnings=["b\udcff is small"])], Path("out\udcff"), 0.0))
+    results = [result("b\udcff", "made", warnings=["b\udcff is small"])]
+    text = json_text(BatchReport.of(results, Path("out\udcff"), 0.0).to_dict())
     report = json.loads(text.encode())
     (asset,) = report["assets"]
     assert (report["output"], asset["name"], asset["path"]) == ("out?", "b?", "in/b?.obj")

@@ -121,29 +121,27 @@ def batch(
         with BatchTable(quiet=quiet, verbose=verbose) as progress:
             result = run_batch(planned, None if no_cache else cache or default_cache(), options, progress)
         if "report" in paths:
-            write_json(outputs.path(paths["report"]), result.report)
+            write_json(outputs.path(paths["report"]), result.report.to_dict())
         if "junit" in paths:
-            outputs.path(paths["junit"]).write_text(
-                junit_text(result.results, result.report["seconds"]), encoding="utf-8"
-            )
-    click.echo(json_text(result.report) if as_json else "\n".join(table(result)), nl=not as_json)
+            outputs.path(paths["junit"]).write_text(junit_text(result.results, result.report.seconds), encoding="utf-8")
+    click.echo(json_text(result.report.to_dict()) if as_json else "\n".join(table(result)), nl=not as_json)
     for entry in result.results:
         if entry.failure is not None and entry.status == "failed":
             annotate("error", entry.failure.message, file=entry.asset.mesh)
-    counts = result.report["counts"]
+    counts = result.report.counts
     if result.interrupted:
-        done = len(result.results) - counts["failed"] - counts["stopped"]
+        done = len(result.results) - counts.failed - counts.stopped
         raise StoppedError(f"interrupted; {done} of {len(result.results)} assets are there, the same command goes on")
     if not result.passed:
         raise AnswerError(_failure_message(result, planned.output))
 
 
 def _failure_message(result: "BatchResult", folder: Path) -> str:
-    counts, total = result.report["counts"], len(result.results)
-    found = f"{counts['failed']} of {total} assets failed" if total > 1 else "the asset failed"
-    if counts["stopped"]:
-        found += f", {counts['stopped']} were not finished"
-    if total > counts["failed"] + counts["stopped"]:
+    counts, total = result.report.counts, len(result.results)
+    found = f"{counts.failed} of {total} assets failed" if total > 1 else "the asset failed"
+    if counts.stopped:
+        found += f", {counts.stopped} were not finished"
+    if total > counts.failed + counts.stopped:
         found += f", the others are in {folder}"
     return f"{found}; correct what failed and run the same command again"
 

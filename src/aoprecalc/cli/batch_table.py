@@ -106,11 +106,11 @@ def table(result: BatchResult) -> list[str]:
     lines = [
         f"{entry.status:<6} {entry.seconds:7.1f} s  {entry.asset.name:<{width}}  {_summary(entry)}" for entry in rows
     ]
-    counts, total = result.report["counts"], len(result.results)
+    counts, total = result.report.counts.to_dict(), len(result.results)
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
     return [
         *map(_printable, lines),
-        f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report['seconds']:.1f} s",
+        f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report.seconds:.1f} s",
     ]
 
 

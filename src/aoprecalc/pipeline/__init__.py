@@ -2,12 +2,13 @@
 
 from aoprecalc.pipeline.cache import Cache, default_cache
 from aoprecalc.pipeline.option_tables import make_job_spec
-from aoprecalc.pipeline.report import AssetResult, BatchProgress
+from aoprecalc.pipeline.report import AssetResult, BatchProgress, BatchReport
 from aoprecalc.pipeline.run import BatchResult, Plan, batch, plan_batch, run_batch
 
 __all__ = [
     "AssetResult",
     "BatchProgress",
+    "BatchReport",
     "BatchResult",
     "Cache",
     "Plan",

@@ -3,15 +3,15 @@
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 from xml.etree import ElementTree
 
-from aoprecalc import __version__
+from aoprecalc.api.reports import Document, Report
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options.fields import as_words
-from aoprecalc.pipeline.jobs import Asset, Failure, JobSpec
+from aoprecalc.pipeline.jobs import Asset, Failure, FailureKind, JobSpec
 
 Status = Literal["made", "unchanged", "cached", "failed", "stopped"]
 
@@ -64,18 +64,74 @@ class BatchProgress:
         """Receive a warning about the batch as a whole."""
 
 
-def batch_report(results: Sequence[AssetResult], output: Path, seconds: float) -> dict[str, Any]:
-    """Return the report of a batch, plain JSON values; the README lists its keys."""
-    counts = Counter(result.status for result in results)
-    report = {
-        "schema": SCHEMAS["batch"],
-        "version": __version__,
-        "output": str(output),
-        "counts": {name: counts[name] for name in ("made", "unchanged", "cached", "failed", "stopped")},
-        "assets": [_asset_report(result, output) for result in results],
-        "seconds": round(seconds, 3),
-    }
-    return {key: _printable(value) for key, value in report.items()}
+@dataclass(frozen=True)
+class BatchCounts(Report):
+    """How many assets have each status."""
+
+    made: int
+    unchanged: int
+    cached: int
+    failed: int
+    stopped: int
+
+
+@dataclass(frozen=True)
+class AssetError(Report):
+    """Why an asset was not made."""
+
+    kind: FailureKind
+    message: str
+    exit_code: int
+
+
+@dataclass(frozen=True)
+class AssetReport(Report):
+    """The result of one asset: see `AssetResult`; `commands` make it without the batch."""
+
+    name: str
+    path: str
+    status: Status
+    outputs: tuple[str, ...]
+    summary: dict[str, Any] | None
+    error: AssetError | None
+    commands: tuple[str, ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class BatchReport(Document):
+    """What a batch made.
+
+    Attributes
+    ----------
+    output : str
+        The folder of the results.
+    counts : BatchCounts
+        Number of assets `made`, `unchanged`, `cached`, `failed` and `stopped`.
+    assets : tuple of AssetReport
+        Each with `name`, `path` of the mesh, `status`, paths of its `outputs`, `summary`, `error`, `commands` that
+        make it without the batch, and `seconds`.
+    seconds : float
+    """
+
+    schema: int = field(default=SCHEMAS["batch"], kw_only=True)
+    output: str
+    counts: BatchCounts
+    assets: tuple[AssetReport, ...]
+    seconds: float
+
+    @classmethod
+    def of(cls, results: Sequence[AssetResult], output: Path, seconds: float) -> "BatchReport":
+        """Return the report of results."""
+        counts = Counter(result.status for result in results)
+        assets = tuple(_asset_report(result, output) for result in results)
+        return cls(
+            str(output), BatchCounts(**{name: counts[name] for name in get_args(Status)}), assets, round(seconds, 3)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document; texts that cannot be encoded have ? for what cannot."""
+        return {key: _printable(value) for key, value in super().to_dict().items()}
 
 
 def junit(results: Sequence[AssetResult], seconds: float) -> str:
@@ -132,21 +188,18 @@ def reproduce_commands(result: AssetResult) -> list[str]:
     return lines
 
 
-def _asset_report(result: AssetResult, output: Path) -> dict[str, Any]:
-    failure = result.failure
-    error = None
-    if failure is not None:
-        error = {"kind": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
-    return {
-        "name": result.asset.name,
-        "path": str(result.asset.mesh),
-        "status": result.status,
-        "outputs": [str(output / result.asset.folder / name) for name in result.outputs],
-        "summary": result.summary,
-        "error": error,
-        "commands": reproduce_commands(result),
-        "seconds": round(result.seconds, 3),
-    }
+def _asset_report(result: AssetResult, output: Path) -> AssetReport:
+    asset, failure = result.asset, result.failure
+    return AssetReport(
+        asset.name,
+        str(asset.mesh),
+        result.status,
+        tuple(str(output / asset.folder / name) for name in result.outputs),
+        result.summary,
+        None if failure is None else AssetError(failure.kind, failure.message, failure.exit_code),
+        tuple(reproduce_commands(result)),
+        round(result.seconds, 3),
+    )
 
 
 def _printable(value: Any) -> Any:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cache as memoize
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
@@ -17,7 +16,7 @@ from aoprecalc.pipeline.cache import CACHE_TAG, Cache
 from aoprecalc.pipeline.discovery import base_folder, find_meshes, name_assets
 from aoprecalc.pipeline.jobs import Asset, Job, JobSpec, Outcome
 from aoprecalc.pipeline.manifest import read_manifest
-from aoprecalc.pipeline.report import AssetResult, BatchProgress, batch_report
+from aoprecalc.pipeline.report import AssetResult, BatchProgress, BatchReport
 from aoprecalc.pipeline.state import STATE_FOLDER, StateFolder
 from aoprecalc.pipeline.store import PendingAsset, ResultStore
 from aoprecalc.pipeline.workers import ProcessPool, WorkerPool
@@ -37,15 +36,15 @@ class BatchResult:
         Whether all assets are made, cached or unchanged.
     interrupted : bool
         Whether Ctrl-C or a signal ended the batch. Finished assets stay, the others are `stopped`.
-    report : dict
-        The report, plain JSON values; the README lists its keys.
+    report : BatchReport
+        Counts, and what is known of each asset; its `to_dict()` is the JSON report.
 
     """
 
     results: tuple[AssetResult, ...]
     passed: bool
     interrupted: bool
-    report: dict[str, Any]
+    report: BatchReport
 
 
 def batch(
@@ -232,7 +231,7 @@ def run_batch(
             finish(AssetResult(asset, "stopped"))
     ordered = tuple(results[asset.name] for asset in plan.assets)
     passed = all(result.status in ("made", "unchanged", "cached") for result in ordered)
-    report = batch_report(ordered, plan.output, time.perf_counter() - started)
+    report = BatchReport.of(ordered, plan.output, time.perf_counter() - started)
     return BatchResult(ordered, passed, interrupted, report)
 
 
