@@ -48,7 +48,7 @@ def main() -> int:
         parser.add_argument(f"--{name}", type=int, default=default)
     chosen = parser.parse_args()
     try:
-        bake = aoprecalc.BakeOptions(chosen.size, chosen.size, directions=chosen.directions, crease_angle=40)
+        bake = aoprecalc.BakeOptions(size=chosen.size, directions=chosen.directions, crease_angle=40)
         fit = aoprecalc.SphereOptions(chosen.spheres, samples=20_000)
         for mesh in chosen.meshes:
             build(mesh, chosen.output, bake, fit)

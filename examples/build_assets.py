@@ -33,7 +33,7 @@ def build(patterns: list[str], folder: Path, size: int, directions: int) -> aopr
     result = aoprecalc.batch(
         patterns,
         folder,
-        bake=aoprecalc.BakeOptions(size, size, directions=directions, crease_angle=40),
+        bake=aoprecalc.BakeOptions(size=size, directions=directions, crease_angle=40),
         spheres=aoprecalc.SphereOptions(50, samples=20_000),
         options=aoprecalc.BatchOptions(timeout=600),
         progress=AssetLines(),

@@ -25,7 +25,7 @@ SHAPES = {
 
 
 def bake(made, backend, shadow_size=None):
-    baked = bake_scene(made, BakeOptions(128, 128, directions=512, backend=backend, shadow_size=shadow_size))
+    baked = bake_scene(made, BakeOptions(size=128, directions=512, backend=backend, shadow_size=shadow_size))
     assert baked.backend == backend
     assert (baked.shadow_size is None) == (backend == "ray")
     return baked
@@ -69,18 +69,18 @@ class Heard(Progress):
 @pytest.mark.parametrize("backend", ["gl", "ray"])
 def test_every_direction_is_counted(backend):
     heard = Heard()
-    bake_scene(scene(*ball(1)), BakeOptions(32, 32, directions=300, backend=backend, two_sided=True), heard)
+    bake_scene(scene(*ball(1)), BakeOptions(size=32, directions=300, backend=backend, two_sided=True), heard)
     assert heard.done == 600
 
 
 def test_auto_falls_back_to_rays_and_says_so(monkeypatch):
     monkeypatch.setattr(context, "_create", no_opengl)
     made, heard = scene(*ball(1)), Heard()
-    baked = bake_scene(made, BakeOptions(32, 32, directions=64), heard)
+    baked = bake_scene(made, BakeOptions(size=32, directions=64), heard)
     assert (baked.backend, baked.renderer) == ("ray", "Embree")
     assert any("rays are traced" in line and "no OpenGL" in line for line in heard.notes)
     with pytest.raises(RendererError, match="no OpenGL"):
-        bake_scene(made, BakeOptions(32, 32, directions=64, backend="gl"))
+        bake_scene(made, BakeOptions(size=32, directions=64, backend="gl"))
 
 
 def test_without_rays_the_error_says_what_to_install(monkeypatch):
@@ -88,8 +88,8 @@ def test_without_rays_the_error_says_what_to_install(monkeypatch):
     made = scene(*ball(1))
     install = r"pip install 'aoprecalc\[ray\]'"
     with pytest.raises(RendererError, match=install):
-        bake_scene(made, BakeOptions(32, 32, directions=64, backend="ray"))
-    assert bake_scene(made, BakeOptions(32, 32, directions=64)).backend == "gl"
+        bake_scene(made, BakeOptions(size=32, directions=64, backend="ray"))
+    assert bake_scene(made, BakeOptions(size=32, directions=64)).backend == "gl"
     monkeypatch.setattr(context, "_create", no_opengl)
     with pytest.raises(RendererError, match=f"no OpenGL.*{install}"):
-        bake_scene(made, BakeOptions(32, 32, directions=64))
+        bake_scene(made, BakeOptions(size=32, directions=64))

@@ -35,7 +35,7 @@ def texels_from_border(made, atlas, uvs, size):
 @pytest.mark.parametrize("shape", ["torus", pytest.param("bowl", marks=slow)])
 def test_look_ups_beside_a_border_are_hardly_worse_than_inside(shape):
     made = scene(*torus()) if shape == "torus" else scene(*join(bowl(), box((-0.3, -0.25, -0.75), (0.25, 0.3, -0.2))))
-    baked = bake_scene(made, BakeOptions(128, 128))
+    baked = bake_scene(made, BakeOptions(size=128))
     points = sample_surface(made, baked.atlas.mapped, 4000, seed=1)
     uvs = points.interpolate(baked.atlas.uvs)
     truth = reference_ao(made, baked.normals, points, VerifyOptions(rays=1024), Progress())
@@ -57,7 +57,7 @@ def open_and_closed(shift):
 @pytest.mark.parametrize("shift", [0, 0.5, *(pytest.param(shift, marks=slow) for shift in (0.05, 0.3, 0.8))])
 def test_charts_two_texels_apart_keep_their_own_values(shift):
     made = open_and_closed(shift)
-    options = BakeOptions(SIZE, SIZE, directions=1000, normals="flat", unwrap="keep", backend="ray")
+    options = BakeOptions(size=SIZE, directions=1000, normals="flat", unwrap="keep", backend="ray")
     texture = bake_scene(made, options).texture
     points = sample_surface(made, np.arange(len(made.faces)) < 4, 10_000, seed=0)
     found = bilinear(texture.values, points.interpolate(made.uvs), repeats=False)
@@ -72,7 +72,7 @@ def test_padding_copies_the_nearest_chart_and_never_mixes(monkeypatch):
         return pad_and_fill(painting, *given, **named)
 
     monkeypatch.setattr(baking, "pad_and_fill", spy)
-    options = BakeOptions(SIZE, SIZE, directions=128, normals="flat", unwrap="keep", padding=6)
+    options = BakeOptions(size=SIZE, directions=128, normals="flat", unwrap="keep", padding=6)
     texture = bake_scene(open_and_closed(0.5), options).texture
     known, values = paintings[0].known, paintings[0].values
     away = ndimage.distance_transform_edt(~known)
@@ -95,7 +95,7 @@ def test_a_chart_thinner_than_a_texel_has_its_own_value(backend, offset):
     charts = [quad_uvs((left, 4 / SIZE), (left + 1 / 3 / SIZE, 44 / SIZE)) for left in lefts]
     around = triangle_a_cell(24) * (0.5, 0.9) + (0.45, 0.05)
     made = scene(*join(*floors, *walls), np.concatenate([*charts, around]))
-    options = BakeOptions(SIZE, SIZE, normals="flat", unwrap="keep", backend=backend)
+    options = BakeOptions(size=SIZE, normals="flat", unwrap="keep", backend=backend)
     texture = bake_scene(made, options).texture
     points = sample_surface(made, np.arange(len(made.faces)) < 4, 2000, seed=0)
     places = points.interpolate(made.corners)

@@ -96,7 +96,7 @@ def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
 def test_chunks_change_no_bit(kind, monkeypatch):
     """Of which the last is smaller, and whose texels lie in some bands only."""
     made = scene(*still_life())
-    options = BakeOptions(96, 96, directions=130, shadow_size=128, backend=kind)
+    options = BakeOptions(size=96, directions=130, shadow_size=128, backend=kind)
     monkeypatch.setattr(setup, "FIT_CHUNK", 1000)
     monkeypatch.setattr(gather, "FIT_CHUNK", 1000)
     monkeypatch.setattr(samples, "BAND_TEXELS", 20 * 96)
@@ -142,7 +142,7 @@ def test_more_directions_come_closer():
     shape = scene(positions, faces)
 
     def picture(directions):
-        return bake_scene(shape, BakeOptions(64, 64, directions=directions, backend="ray")).texture
+        return bake_scene(shape, BakeOptions(size=64, directions=directions, backend="ray")).texture
 
     truth = picture(2000)
     errors = [np.abs((picture(n).values - truth.values)[truth.valid]).mean() for n in (16, 64, 256)]

@@ -38,7 +38,7 @@ def rms(values):
 
 def test_two_levels_are_as_good_as_without_seams():
     made = scene(*torus())
-    baked = bake_scene(made, BakeOptions(SIZE, SIZE, directions=256, fill="none"))
+    baked = bake_scene(made, BakeOptions(size=SIZE, directions=256, fill="none"))
     assert baked.atlas.gutter >= 8
     of_face, of_texel = charts(made, baked.atlas, baked.texture)
     points = sample_surface(made, baked.atlas.mapped, 20_000, seed=1)

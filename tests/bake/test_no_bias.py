@@ -92,7 +92,7 @@ def test_a_valley_is_right_up_to_its_crease(degrees, shadow_size):
     uvs[:2] = positions[faces[:2]][..., :2] / (2, length) + (0, 0.5)
     made = scene(positions, faces, uvs)
     options = BakeOptions(
-        256, 32, normals="flat", unwrap="keep", backend="gl" if shadow_size else "ray", shadow_size=shadow_size
+        size=(256, 32), normals="flat", unwrap="keep", backend="gl" if shadow_size else "ray", shadow_size=shadow_size
     )
     middle = bake_scene(made, options).texture.values[14:18, :128].mean(axis=0)
     distance = (np.arange(128) + 0.5) / 128

@@ -51,7 +51,7 @@ def atlas_of(shape):
 
 def gathered(shape, directions, **options):
     made, atlas = atlas_of(shape)
-    given = BakeOptions(SIZE, SIZE, directions=directions, **options)
+    given = BakeOptions(size=SIZE, directions=directions, **options)
     with open_renderer() as renderer:
         backend = GLBackend(renderer)
         site = BakeSetup(backend, BakeInputs(made, atlas, shading_normals(made), given))
@@ -102,7 +102,7 @@ def test_a_bake_says_how_far_it_came(backend):
     made = scene(*SHAPES["torus"]())
 
     def bake(directions, target):
-        options = BakeOptions(SIZE, SIZE, directions=directions, target_error=target, backend=backend)
+        options = BakeOptions(size=SIZE, directions=directions, target_error=target, backend=backend)
         baked = bake_scene(made, options)
         return baked, [line for line in baked.warnings if "sampling error" in line]
 
@@ -124,7 +124,7 @@ def test_two_sides_report_the_greater_error_and_the_later_stop():
     """Half a sphere: its outside is open, and tells at once that it is; its inside takes longer."""
     made = scene(*cap(6))
     outside, inside, both = (
-        bake_scene(mesh, BakeOptions(SIZE, SIZE, directions=2000, target_error=0.004, two_sided=two_sided))
+        bake_scene(mesh, BakeOptions(size=SIZE, directions=2000, target_error=0.004, two_sided=two_sided))
         for mesh, two_sided in ((made, False), (scene(made.positions, made.faces[:, ::-1]), False), (made, True))
     )
     assert outside.sampling_error == 0

@@ -28,7 +28,7 @@ def trip(request, tmp_path_factory):
         if not (folder / image["uri"]).exists():
             Image.new("RGB", (8, 8), (20 * number, 100, 200)).save(folder / image["uri"])
     (folder / "out").mkdir()
-    return path, bake_file(path, folder / "out", options=BakeOptions(512, 512, directions=32))
+    return path, bake_file(path, folder / "out", options=BakeOptions(size=512, directions=32))
 
 
 @needs_validator

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.corpus, pytest.mark.slow]
 
 
 def test_the_ogre_agrees_with_its_authored_map():
-    texture = bake_scene(load_scene(MESHES / "jerry_ogre/bs_rest.obj"), BakeOptions(512, 512, directions=256)).texture
+    texture = bake_scene(load_scene(MESHES / "jerry_ogre/bs_rest.obj"), BakeOptions(size=512, directions=256)).texture
     authored = read_image(MESHES / "jerry_ogre/ao_rest.png").reshape(512, 2, 512, 2).mean(axis=(1, 3))
     assert np.corrcoef(texture.values.ravel(), authored.ravel())[0, 1] > 0.99
 
@@ -23,7 +23,7 @@ def test_the_ogre_agrees_with_its_authored_map():
 @pytest.mark.parametrize("name", ["bigguy.obj", "spot.obj", "DamagedHelmet/DamagedHelmet.gltf"])
 def test_borders_have_no_specks(name):
     """A texel at a chart's border is seldom brighter or darker than all of its covered neighbours by much."""
-    texture = bake_scene(load_scene(MESHES / name), BakeOptions(512, 512, directions=256)).texture
+    texture = bake_scene(load_scene(MESHES / name), BakeOptions(size=512, directions=256)).texture
     inner = texture.valid[1:-1, 1:-1]
     shifts = [(row, column) for row in range(3) for column in range(3) if (row, column) != (1, 1)]
     around = np.stack([texture.values[row : row + 510, column : column + 510] for row, column in shifts])
@@ -40,7 +40,7 @@ def test_borders_have_no_specks(name):
 def toy_car():
     """The scene and its bake."""
     scene = load_scene(MESHES / "ToyCar/ToyCar.gltf")
-    return scene, bake_scene(scene, BakeOptions(512, 512, directions=256))
+    return scene, bake_scene(scene, BakeOptions(size=512, directions=256))
 
 
 @pytest.mark.parametrize(("part", "least"), [("ToyCar", 0.9), ("Fabric", 0.93)])

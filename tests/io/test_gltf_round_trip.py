@@ -67,7 +67,7 @@ def trip(request, tmp_path_factory):
     case, folder = request.param, tmp_path_factory.mktemp("trip")
     path, out = make(case.name, case.kind, folder), folder / "out"
     out.mkdir()
-    options = BakeOptions(64, 64, directions=32, **case.options)
+    options = BakeOptions(size=64, directions=32, **case.options)
     return RoundTrip(case, path, bake_file(path, out, mesh_output=out / f"baked.{case.written}", options=options))
 
 
@@ -91,7 +91,7 @@ def test_documents_made_of_other_files_are_valid(cube_obj, written):
     out.mkdir()
     (cube_obj.parent / "paint.png").write_bytes(png(CHECKS))
     (cube_obj.parent / "none.mtl").write_text("newmtl paint 0\nmap_Kd paint.png\n")
-    result = bake_file(cube_obj, out, mesh_output=out / f"baked.{written}", options=BakeOptions(64, 64, directions=32))
+    result = bake_file(cube_obj, out, mesh_output=out / f"baked.{written}", options=BakeOptions(size=64, directions=32))
     found = [(issue["code"], issue["pointer"].split("/")[-1]) for issue in issues(result.files.mesh)[0]]
     # A material without a picture has no need of the UVs that its file had.
     assert set(found) <= {("UNUSED_OBJECT", "TEXCOORD_1")}

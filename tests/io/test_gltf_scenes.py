@@ -17,7 +17,7 @@ def bake_gltf(gltf, tmp_path):
 
     def run(**options):
         path = gltf.save("made.gltf")
-        result = bake_file(path, f"{tmp_path}/out/", options=BakeOptions(64, 64, directions=64, **options))
+        result = bake_file(path, f"{tmp_path}/out/", options=BakeOptions(size=64, directions=64, **options))
         return json.loads(path.read_text()), json.loads(result.files.mesh.read_text()), result.report.to_dict()
 
     return run
@@ -156,7 +156,7 @@ def test_the_error_of_shared_places_is_told(gltf_cube, tmp_path):
     mesh = gltf.mesh(cube)
     for x in (0, 2.5):
         gltf.node(mesh=mesh, translation=[x, 0, 0])
-    options = BakeOptions(64, 64, directions=256, instances="share", unwrap="xatlas")
+    options = BakeOptions(size=64, directions=256, instances="share", unwrap="xatlas")
     result = bake_file(gltf.save("made.gltf"), f"{tmp_path}/out/", options=options, verify=True)
     said = verify(result.files.mesh, options=VerifyOptions(points=500)).warnings
     for warnings in (said, list(result.report.warnings)):
@@ -167,7 +167,7 @@ def test_glass_is_told_to_be_lost_in_an_obj(gltf_cube, tmp_path):
     gltf, cube = gltf_cube
     gltf.json["materials"] = [{"alphaMode": "BLEND"}]
     gltf.node(mesh=gltf.mesh(cube | {"material": 0}))
-    options = BakeOptions(64, 64, directions=64)
+    options = BakeOptions(size=64, directions=64)
     report = bake_file(
         gltf.save(), tmp_path / "a.png", mesh_output=tmp_path / "a.obj", options=options
     ).report.to_dict()

@@ -370,7 +370,7 @@ def test_a_whole_bake_gives_a_valid_document(gltf, tmp_path, kind):
     gltf.node(mesh=gltf.mesh(corner(gltf, APART / 2 + 0.5, material=plain)), translation=[3, 0, 0])
     path, out = gltf.save(f"made.{kind}", binary="made.bin"), tmp_path / "out"
     out.mkdir()
-    result = bake_file(path, out, options=BakeOptions(32, 32, directions=64, pack="orm"))
+    result = bake_file(path, out, options=BakeOptions(size=32, directions=64, pack="orm"))
     assert new_issues(path, result.files.mesh) == []
     document, (ao, *_) = GltfValues(result.files.mesh), read_image(result.files.texture)
     assert infos(document, 0) == ({"index": 0}, occlusion_info(0))

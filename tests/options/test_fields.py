@@ -55,11 +55,11 @@ def test_a_command_without_options_has_the_defaults_of_the_class(command):
 def test_a_size_sets_width_and_height(size):
     options = aoprecalc.BakeOptions(size=size)
     assert (options.width, options.height) == options.size == (2048, 1024)
-    assert options == BakeOptions(2048, 1024) == BakeOptions(width=2048, height=1024)
+    assert options == BakeOptions(size=(2048, 1024)) == BakeOptions(width=2048, height=1024)
 
 
 def test_a_size_may_be_one_number_and_takes_precedence():
-    assert BakeOptions(size=64) == BakeOptions(64, 64) == BakeOptions(32, 32, size=64)
+    assert BakeOptions(size=64) == BakeOptions(size=64) == BakeOptions(width=32, height=32, size=64)
     assert BakeOptions().size == (1024, 1024)
 
 
@@ -67,7 +67,7 @@ def test_replace_changes_what_it_is_given():
     options = BakeOptions(size=(64, 32), directions=8)
     assert replace(options, width=16).size == (16, 32)
     assert replace(options, size=16).size == (16, 16)
-    assert replace(options, padding=2) == BakeOptions(64, 32, directions=8, padding=2)
+    assert replace(options, padding=2) == BakeOptions(size=(64, 32), directions=8, padding=2)
 
 
 @pytest.mark.parametrize("options", [BakeOptions(size=(64, 32)), SphereOptions(levels=(2, 4)), BatchOptions(jobs=2)])
@@ -78,7 +78,7 @@ def test_options_travel_to_other_processes(options):
 
 def test_numbers_of_numpy_and_lists_become_plain_values():
     options = BakeOptions(size=np.int64(64), padding=np.int32(3), two_sided=np.True_, only=["a"], crease_angle=40)
-    assert options == BakeOptions(64, 64, padding=3, two_sided=True, only=("a",), crease_angle=40)
+    assert options == BakeOptions(size=64, padding=3, two_sided=True, only=("a",), crease_angle=40)
     assert type(options.width) is type(options.padding) is int
     assert type(options.two_sided) is bool
     assert type(VerifyOptions(tolerance=np.float32(0.5)).tolerance) is float

@@ -13,7 +13,7 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import BakeOptions, SphereOptions
 from shapes import torus, triangle_a_cell
 
-BAKE, SPHERES = BakeOptions(64, 64, directions=64), SphereOptions(8, samples=500)
+BAKE, SPHERES = BakeOptions(size=64, directions=64), SphereOptions(8, samples=500)
 SMALL_BAKE, SMALL_SPHERES = ["--bake", "--size 64 -n 64"], ["--spheres", "-n 8 -s 500"]
 STATE_FOLDER = ".aoprecalc"  # what a batch remembers, in its output folder
 PATIENCE = 60  # seconds until a test gives up on what takes a second

@@ -27,7 +27,7 @@ def files(folder):
     return without_times(contents(folder))
 
 
-BAKE, SPHERES = BakeOptions(64, 64, directions=128), SphereOptions(8, samples=500)
+BAKE, SPHERES = BakeOptions(size=64, directions=128), SphereOptions(8, samples=500)
 NAMES = ["a", "b", "c", "deep/d", "deep/e"]
 
 # Dask leaves threads and sockets of a closed cluster to the garbage collector.

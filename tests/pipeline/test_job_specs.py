@@ -86,7 +86,7 @@ def test_every_field_of_a_fit_can_be_said(spell):
 
 @pytest.mark.parametrize(("written", "size"), [(512, (512, 512)), ("512", (512, 512)), ("96x48", (96, 48))])
 def test_a_size_is_one_number_or_two(written, size):
-    assert read_job_spec({"size": written}, None).bake == BakeOptions(*size)
+    assert read_job_spec({"size": written}, None).bake == BakeOptions(size=size)
 
 
 def test_kinds_of_files_are_said_too():
@@ -153,8 +153,7 @@ def spoken(command, words):
     """The options that the real command makes of words of its command line."""
     given = command.make_context("it", ["mesh.obj", *words]).params
     if command is bake_command:
-        width, height = given["size"]
-        return BakeOptions(width, height, **{key: given[key] for key in given if key in hints(BakeOptions)})
+        return BakeOptions(**{key: given[key] for key in given if key in hints(BakeOptions)})
     return SphereOptions(**{key: given[key] for key in hints(SphereOptions)} | {"levels": given["levels"] or ()})
 
 

@@ -84,7 +84,7 @@ def test_a_byte_order_mark_is_no_fault(planned):
 
 def test_defaults_are_for_all(planned):
     text = 'inputs = "**/*"\n[bake]\nsize = "512x256"\ntexture = ".exr"\n[spheres]\nspheres = 20\nformat = ".csv"\n'
-    expected = JobSpec(BakeOptions(512, 256), SphereOptions(20), texture_suffix=".exr", spheres_suffix=".csv")
+    expected = JobSpec(BakeOptions(size=(512, 256)), SphereOptions(20), texture_suffix=".exr", spheres_suffix=".csv")
     assert specs(planned, text) == dict.fromkeys(["rock", "props/chair", "props/old/chair", "props/table"], expected)
 
 

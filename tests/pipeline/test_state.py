@@ -406,7 +406,7 @@ def test_a_report_does_not_say_where_it_was_made(rings, pool):
     """It names results and the mesh by their way from its own folder, also in warnings."""
     reports = []
     for folder in ("one", "other"):
-        assert batch("in/a.obj", folder, bake=BakeOptions(64, 64, directions=64, unwrap="xatlas")).passed
+        assert batch("in/a.obj", folder, bake=BakeOptions(size=64, directions=64, unwrap="xatlas")).passed
         reports.append(without_times(contents(rings.parent / folder))["a_report.json"])
     assert reports[0] == reports[1]
     assert reports[0]["input"]["path"] == "../in/a.obj"

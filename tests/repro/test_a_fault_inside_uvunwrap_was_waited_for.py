@@ -25,7 +25,7 @@ def panic(monkeypatch):
 
 
 def choose(unwrap):
-    return choose_atlas(CPURasterizer, scene(*box()), BakeOptions(64, 64, unwrap=unwrap), Progress())
+    return choose_atlas(CPURasterizer, scene(*box()), BakeOptions(size=64, unwrap=unwrap), Progress())
 
 
 def test_it_is_an_error_of_one_line():

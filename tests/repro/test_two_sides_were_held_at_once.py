@@ -22,5 +22,5 @@ def test_the_first_side_is_given_back_before_the_second(monkeypatch):
         return seen
 
     monkeypatch.setattr(GLBackend, "tester", tester)
-    bake_scene(scene(*torus(around=8, across=4)), BakeOptions(64, 64, directions=64, two_sided=True))
+    bake_scene(scene(*torus(around=8, across=4)), BakeOptions(size=64, directions=64, two_sided=True))
     assert alive == [[], [False]]

@@ -30,7 +30,7 @@ def test_uvs_far_away_that_repeat_give_the_same_picture():
     wall = quad((0.5, 0, 0), (0, 1, 0), (0, 0, 1), cells=4)
     places = [((0.125, 0.125), (0.5, 0.5)), ((0.625, 0.625), (0.875, 0.875))]
     uvs = np.concatenate([quad_uvs(low, high, cells=4) for low, high in places])
-    options = BakeOptions(64, 64, directions=384, unwrap="keep", shadow_size=128)
+    options = BakeOptions(size=64, directions=384, unwrap="keep", shadow_size=128)
     near, far = (
         bake_scene(scene(*join((positions, faces), wall), uvs + away), options).texture for away in (1.0, 16385.0)
     )

@@ -259,7 +259,7 @@ class _FilePlan:
         self.texture = output_path(output, f"{stem}_ao.png")
         choose_bit_depth(self.texture, options.bit_depth)
         self.mesh = self._mesh_path(output_mesh_extension(scene)[0])
-        self.report = None if report is None else output_path(report, f"{stem}_report.json")
+        self.report = None if report is None else output_path(report, f"{stem}_report.json", "report")
 
     def claim(self, outputs: Outputs, *, texture: bool = True) -> None:
         """Make sure that the files can be written."""
@@ -280,7 +280,8 @@ class _FilePlan:
         return BakeFiles(self.texture, path), (*notes, *((reason,) if reason and self._mesh_output is None else ()))
 
     def _mesh_path(self, suffix: str) -> Path:
-        path = output_path(self._mesh_output, self.texture.parent / f"{self._stem}_ao{suffix}")
+        default = self.texture.parent / f"{self._stem}_ao{suffix}"
+        path = output_path(self._mesh_output, default, "mesh_output")
         check_mesh_extension(path, self._options.pack)
         return path
 

@@ -152,7 +152,9 @@ def compare(
     options, progress = given_or_default(options, CompareOptions), progress or Progress()
     a, b = Path(a), Path(b)
     wanted = {"picture": (picture, f"{a.stem}_compare.png"), "report": (report, f"{a.stem}_compare.json")}
-    paths = {name: output_path(output, default) for name, (output, default) in wanted.items() if output is not None}
+    paths = {
+        name: output_path(output, default, name) for name, (output, default) in wanted.items() if output is not None
+    }
     if "picture" in paths:
         choose_bit_depth(paths["picture"], "8")
     with Outputs() as outputs:

@@ -242,7 +242,9 @@ def as_mesh(mesh: MeshLike) -> Mesh:
         return load(mesh)
     if _is_trimesh(mesh):
         return Mesh.from_trimesh(mesh)
-    raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, a Mesh, a path or a trimesh.Trimesh was expected")
+    hint = "; use scene.to_mesh()" if type(mesh).__name__ == "Scene" else ""
+    expected = f"a Mesh, a path or a trimesh.Trimesh was expected{hint}"
+    raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, {expected}")
 
 
 def given_or_default(options: OptionsT | None, kind: type[OptionsT]) -> OptionsT:

@@ -59,7 +59,7 @@ def run_self_test(backend: Backend = "auto") -> dict[str, Any]:
     Raises what `bake_scene` raises.
     """
     scene, opening = open_box()
-    options = BakeOptions(SIZE, SIZE, directions=DIRECTIONS, normals="flat", backend=backend)
+    options = BakeOptions(size=SIZE, directions=DIRECTIONS, normals="flat", backend=backend)
     started = time.perf_counter()
     baked = bake_scene(scene, options)
     seconds = time.perf_counter() - started

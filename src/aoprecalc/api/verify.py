@@ -164,7 +164,7 @@ def verify(
     name = Path(mesh).stem if isinstance(mesh, str | PathLike) else getattr(mesh, "name", "mesh")
     timer = StageTimer(progress)
     wanted = {"heat_map": (heat_map, f"{name}_heat_map.png"), "report": (report, f"{name}_verify.json")}
-    paths = {key: output_path(output, default) for key, (output, default) in wanted.items() if output is not None}
+    paths = {key: output_path(output, default, key) for key, (output, default) in wanted.items() if output is not None}
     if "heat_map" in paths:
         choose_bit_depth(paths["heat_map"], "8")
     with Outputs() as outputs:

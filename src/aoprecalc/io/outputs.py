@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 from urllib.parse import quote
 
-from aoprecalc.errors import InputError, OutputError, UsageError
+from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
 
 
 class Outputs(AbstractContextManager["Outputs"]):
@@ -145,15 +145,19 @@ def _real(path: str | os.PathLike[str]) -> Path:
 # The paths that options name.
 
 
-def output_path(wanted: str | PathLike[str] | None, default: str | Path) -> Path:
-    """Return the path of an output file.
+def output_path(wanted: str | PathLike[str] | None, default: str | Path, argument: str = "output") -> Path:
+    """Return the path of an output file; raises ArgumentError where `wanted` is no path.
 
     wanted    as the user gave it: a file, or a folder (existing, or ending in a slash) for a file with the name of the
               default; None: the default
     default   a path, relative to the current folder
+    argument  name of the argument that `wanted` is
     """
     if wanted is None:
         return Path(default)
+    if not isinstance(wanted, str | PathLike) or not os.fspath(wanted) or "\0" in os.fspath(wanted):
+        found = repr(wanted) if isinstance(wanted, str) else f"of type {type(wanted).__name__}"
+        raise ArgumentError(argument, f"is {found}, the path of a file or folder was expected")
     path = Path(wanted)
     return path / Path(default).name if path.is_dir() or _ends_in_slash(wanted) else path
 

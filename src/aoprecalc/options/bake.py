@@ -83,7 +83,7 @@ class _TextureSize:
 
 
 @documented
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BakeOptions(_TextureSize, LightOptions):
     """How to bake an ambient-occlusion texture.
 

@@ -233,6 +233,7 @@ def documented(kind: OptionsClass) -> OptionsClass:
             del kind.__dataclass_fields__[field.name]
             delattr(kind, field.name)
     kind.__doc__ = "\n".join([(kind.__doc__ or "").rstrip(), *(f"    {line}".rstrip() for line in lines), "    "])
+    kind.__init__.__annotations__ = {}  # else `help` shows every Option; the Parameters section has the types
     return kind
 
 

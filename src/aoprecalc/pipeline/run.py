@@ -106,8 +106,9 @@ def batch(
         ("cache", cache, (str, PathLike), "a path"),
         ("options", options, BatchOptions, "BatchOptions"),
     ):
-        if value is not None and not isinstance(value, kind):
-            raise ArgumentError(argument, f"is of type {type(value).__name__}, {expected} was expected")
+        if value is not None and (not isinstance(value, kind) or value == ""):
+            found = "empty" if value == "" else f"of type {type(value).__name__}"
+            raise ArgumentError(argument, f"is {found}, {expected} was expected")
     spec = JobSpec(bake, spheres) if bake or spheres else None
     return run_batch(plan_batch([os.fspath(path) for path in paths], output, spec), cache, options, progress)
 

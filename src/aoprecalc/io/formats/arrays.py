@@ -88,6 +88,8 @@ def indices(argument: str, values: ArrayLike, shape: Shape, count: int) -> Int32
     array = _array(argument, values, (shape,))
     if array.dtype.kind not in "iu":
         raise ArgumentError(argument, f"has the dtype {array.dtype}, integers were expected")
+    if not count:
+        raise ArgumentError("vertices", "is empty, at least three vertices were expected")
     wrong = array[(array < 0) | (array >= count)]
     if wrong.size:
         raise ArgumentError(argument, f"refers to vertex {wrong[0]}, indices from 0 to {count - 1} were expected")
