@@ -26,16 +26,16 @@ def test_a_bake_is_not_saved_under_what_is_no_path(argument, wrong, baked, tmp_p
 def test_other_outputs_are_checked_too(wrong, baked, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     spheres = ao.fit_spheres(baked.mesh, ao.SphereOptions(4, samples=100))
-    with pytest.raises(ao.ArgumentError, match="^output is"):
+    with pytest.raises(ao.ArgumentError, match=r"^output is"):
         spheres.save(wrong)
-    with pytest.raises(ao.ArgumentError, match="^heat_map is"):
+    with pytest.raises(ao.ArgumentError, match=r"^heat_map is"):
         ao.verify(baked.mesh, heat_map=wrong)
     assert not list(tmp_path.iterdir())
 
 
 def test_an_empty_cache_is_no_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ao.ArgumentError, match="^cache is empty"):
+    with pytest.raises(ao.ArgumentError, match=r"^cache is empty"):
         ao.batch("m.obj", "out", cache="")
     assert not list(tmp_path.iterdir())
 
