@@ -3,13 +3,31 @@
 A message is one line: what was found, what was expected, what to do.
 """
 
+import re
 from collections.abc import Callable
+
+_OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
+
+
+def option_name(argument: str) -> str:
+    """Return the option of the command line that stands for a Python argument."""
+    return f"--{argument.replace('_', '-')}"
 
 
 class AoprecalcError(Exception):
-    """Base class of all errors that this package raises on purpose: the work failed (exit code 1)."""
+    """Base class of all errors that this package raises on purpose: the work failed (exit code 1).
+
+    Messages are written with options, such as --unwrap-timeout; `str` names the Python arguments instead.
+    """
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return self.worded(str)
+
+    def worded(self, name: Callable[[str], str]) -> str:
+        """Return the message with each argument called by `name(argument)`."""
+        return _OPTION.sub(lambda option: name(option[1].replace("-", "_")), super().__str__())
 
 
 class OutputError(AoprecalcError):
@@ -51,9 +69,6 @@ class ArgumentError(UsageError):
         """Keep the parts of the message."""
         super().__init__(argument, problem, *others)
         self.argument, self.problem, self.others = argument, problem, others
-
-    def __str__(self) -> str:
-        return self.worded(str)
 
     def worded(self, name: Callable[[str], str]) -> str:
         """Return the message with each argument called by `name(argument)`."""

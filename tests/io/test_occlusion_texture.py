@@ -174,7 +174,7 @@ def test_without_a_word_about_it_the_picture_of_the_same_name_is_taken(save, pic
 @pytest.mark.parametrize(
     ("text", "texture", "said"),
     [
-        (f"{TRIANGLE}f 1/1 2/2 3/3\n", None, r"no made\.png beside it; pass one with --texture"),
+        (f"{TRIANGLE}f 1/1 2/2 3/3\n", None, r"no made\.png beside it; pass one with texture"),
         (f"{TRIANGLE}f 1 2 3\n", "light.png", "has no UVs"),
         (f"{TRIANGLE}f 1/1 2/2 3/3\n", "none.png", "there is no such file"),
         (f"{TRIANGLE}f 1/1 2/2 3/3\n", "made.obj", "cannot be read as an image"),

@@ -216,7 +216,7 @@ def test_a_folder_that_cannot_be_written_says_so(tmp_path, files, staging):
     (tmp_path / "file").touch()
     cache = Cache(tmp_path / "file")
     assert cache.get(key(0), staging) is None
-    with pytest.raises(OutputError, match=r"file: the cache cannot be written .*; choose another --cache"):
+    with pytest.raises(OutputError, match=r"file: the cache cannot be written .*; choose another cache"):
         cache.put(key(0), files, {})
     assert cache.usage().entries == cache.prune(0).entries == 0
 

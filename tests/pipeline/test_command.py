@@ -149,7 +149,7 @@ def test_nasty_input_costs_itself_alone(here, pool, command):
 
 USAGE = {
     "no pattern": ([], 2, "PATTERN"),
-    "no output": (["in"], 2, "no output folder was given; name one with -o"),
+    "no output": (["in"], 2, "no output folder was given; name one with --output"),
     "a pattern that fits nothing": (["*.stl", "-o", "out"], 4, "*.stl: matches no mesh"),
     "an option of bake": (["in", "-o", "out", "--size", "64"], 2, "--size is an option of bake; write --bake"),
     "an option of spheres": (["in", "-o", "out", "--radius", "mean"], 2, "--radius is an option of spheres"),

@@ -32,7 +32,7 @@ def test_it_is_an_error_of_one_line():
     with pytest.raises(AoprecalcError) as failure:
         choose("uvunwrap")
     assert str(failure.value) == (
-        "uvunwrap could not unwrap 12 faces: a fault inside it (index out of bounds); or try --unwrap xatlas"
+        "uvunwrap could not unwrap 12 faces: a fault inside it (index out of bounds); or try unwrap xatlas"
     )
 
 

@@ -117,7 +117,7 @@ def test_what_no_number_reaches_is_told(method, kind):
         return spheres(count, 9.0 if count != 8 else 5.0)
 
     with pytest.raises(
-        AoprecalcError, match=rf"^made\.obj: .* up to 37 .*\({kind}\) of at most --tolerance 0\.001; .* with 8;"
+        AoprecalcError, match=rf"^made\.obj: .* up to 37 .*\({kind}\) of at most tolerance 0\.001; .* with 8;"
     ):
         search_count(SCENE, FRAME, points, attempt, 0.001, method)
     assert tried == [1, 2, 4, 8, 16, 32, 37]

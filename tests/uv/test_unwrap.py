@@ -101,8 +101,8 @@ def test_xatlas_is_given_up_when_its_time_is_over(monkeypatch):
     stuck = "import sys, time; print('step: charts', file=sys.stderr, flush=True); time.sleep(600)"
     monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", stuck])
     expected = (
-        r"xatlas has not unwrapped 12 faces within 1.5 s \(--unwrap-timeout\), it is at: charts; "
-        "allow more time or use --unwrap uvunwrap"
+        r"xatlas has not unwrapped 12 faces within 1.5 s \(unwrap_timeout\), it is at: charts; "
+        "allow more time or use unwrap uvunwrap"
     )
     started = time.monotonic()
     with pytest.raises(AoprecalcError, match=expected):
@@ -125,9 +125,7 @@ def test_an_unwrap_in_time_is_the_same_as_one_without_a_limit(method):
 
 def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
     monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"])
-    with pytest.raises(
-        AoprecalcError, match=r"xatlas could not unwrap 12 faces: signal 9 .*; or try --unwrap uvunwrap"
-    ):
+    with pytest.raises(AoprecalcError, match=r"xatlas could not unwrap 12 faces: signal 9 .*; or try unwrap uvunwrap"):
         unwrap(scene(*box()), "xatlas", SIZE, 4)
 
 

@@ -16,10 +16,9 @@ from aoprecalc.cli.cache import cache
 from aoprecalc.cli.compare import compare
 from aoprecalc.cli.console import annotate
 from aoprecalc.cli.doctor import doctor
-from aoprecalc.cli.options import option_name
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
-from aoprecalc.errors import AnswerError, AoprecalcError, ArgumentError
+from aoprecalc.errors import AnswerError, AoprecalcError, option_name
 
 EPILOG = (
     "Exit codes: 0 done; 1 the work failed, verify or compare did not pass, or a mesh of a batch failed; "
@@ -41,7 +40,7 @@ class _Group(click.Group):
         try:
             sys.exit(super().main(*args, **kwargs) or 0)
         except AoprecalcError as error:
-            _fail(_message(error), error.exit_code, error)
+            _fail(error.worded(option_name), error.exit_code, error)
         except click.exceptions.Exit as ending:
             sys.exit(ending.exit_code)
         except click.ClickException as error:
@@ -86,11 +85,6 @@ def _fail(message: str, code: int, error: BaseException) -> None:
     click.echo(f"error: {line}", err=True)
     annotate("error", line)
     sys.exit(code)
-
-
-def _message(error: AoprecalcError) -> str:
-    """Return the message of an error; arguments are named as options."""
-    return error.worded(option_name) if isinstance(error, ArgumentError) else str(error)
 
 
 def _usage_line(error: click.ClickException) -> str:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from aoprecalc.errors import ArgumentError
+from aoprecalc.errors import ArgumentError, option_name
 from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
 
 # Headings of `--help`, in their order; what has none of them comes last.
@@ -69,11 +69,6 @@ def quantity_type(quantity: Quantity) -> Callable[[str], Any]:
             raise click.BadParameter(f"{text!r} was found; expected {quantity.expected}") from None
 
     return convert
-
-
-def option_name(argument: str) -> str:
-    """Return the option of the command line that stands for a Python argument."""
-    return f"--{argument.replace('_', '-')}"
 
 
 def option(*names: str, **given: Any) -> Callable[[Declared], Declared]:

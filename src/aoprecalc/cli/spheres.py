@@ -6,8 +6,8 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import Command, option, option_name, options_of, output_options, take
-from aoprecalc.errors import UsageError
+from aoprecalc.cli.options import Command, option, options_of, output_options, take
+from aoprecalc.errors import UsageError, option_name
 from aoprecalc.options import SphereOptions
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from aoprecalc.api.bake import bake_file
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.spheres import fit_spheres_file
-from aoprecalc.errors import AoprecalcError, KilledError
+from aoprecalc.errors import AoprecalcError, KilledError, option_name
 from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
@@ -204,7 +204,7 @@ def run_job(
             return _run(job, JobProgress(on_stage), make_visibility)
     except AoprecalcError as error:
         kind: FailureKind = "crash" if isinstance(error, KilledError) else "error"
-        return Failure(kind, _with_user_paths(job, job.label, str(error)), error.exit_code)
+        return Failure(kind, _with_user_paths(job, job.label, error.worded(option_name)), error.exit_code)
     except MemoryError:
         return Failure("error", f"{job.label}: out of memory; use a smaller size or fewer --jobs")
     except OSError as error:

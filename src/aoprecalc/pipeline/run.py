@@ -144,7 +144,7 @@ def plan_batch(patterns: Sequence[str], output: str | os.PathLike[str] | None, s
     manifests = [pattern for pattern in patterns if pattern.lower().endswith(".toml")]
     if not manifests:
         if output is None:
-            raise UsageError("no output folder was given; name one with -o")
+            raise UsageError("no output folder was given; name one with --output")
         base = base_folder(patterns)
         meshes = find_meshes(patterns, _output_predicate(Path(output), base))
         named = zip(name_assets(meshes, base), meshes, strict=True)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, option_name
 from aoprecalc.options import LARGE_MESH, BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
@@ -58,7 +58,7 @@ def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: Bake
     except AoprecalcError as error:
         if not (fast and options.unwrap == "auto" and isinstance(error.__cause__, ChildProcessError)):
             raise
-        progress.note(f"xatlas is used instead: {error}")
+        progress.note(f"xatlas is used instead: {error.worded(option_name)}")
         return unwrap_with("xatlas")
 
 
