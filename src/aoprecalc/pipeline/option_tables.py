@@ -27,7 +27,13 @@ COUNTS = frozenset(
 
 def _type_of(field: OptionField) -> Any:
     """Return the type of an option's value in a table, with what is expected as its description."""
-    types: dict[str, Any] = {"flag": bool, "names": list[str] | str, "integers": list[int], "number": int | float}
+    types: dict[str, Any] = {
+        "flag": bool,
+        "names": list[str] | str,
+        "integers": list[int],
+        "number": int | float,
+        "text": str,
+    }
     plain = types.get(field.kind, int)
     if field.kind == "choice":
         plain = Literal[(*field.choices, *(int(choice) for choice in field.choices if choice.isdecimal()))]
