@@ -152,7 +152,9 @@ def endless(tmp_path):
 
 
 @linux
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGKILL))]
+)
 def test_xatlas_does_not_outlive_a_bake(number, endless):
     command = [sys.executable, "-m", "aoprecalc", "bake", endless, "--unwrap", "xatlas", "--size", "64"]
     bake = subprocess.Popen(command, cwd=endless.parent, stderr=subprocess.PIPE, text=True)

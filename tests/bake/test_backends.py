@@ -46,6 +46,7 @@ def test_maps_and_rays_give_the_same_picture(shape):
     assert np.quantile(np.abs(off), 0.99) < 0.01
 
 
+@pytest.mark.slow
 def test_finer_maps_come_closer_to_rays_where_parts_run_into_each_other():
     """There faces meet on no edge of either, and maps are right to a texel of theirs."""
     made = scene(*clutter(0))

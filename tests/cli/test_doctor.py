@@ -80,6 +80,7 @@ def test_it_says_what_works_and_passes(tmp_path):
     assert any("a small bake" in line and "passed: RMS error 0.00" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_the_json_names_the_renderer_that_a_bake_names(tmp_path):
     done = run(tmp_path, "doctor", "--json", LP_NUM_THREADS="1")
     report = json.loads(done.stdout)
@@ -120,6 +121,7 @@ def test_without_any_renderer_the_code_is_three_and_every_way_out_is_named(tmp_p
     assert "takes nothing" in done.stdout
 
 
+@pytest.mark.slow
 def test_without_rays_only_they_are_missing(tmp_path):
     done = run(tmp_path, "doctor", "--json", start=NO_RAYS)
     assert done.returncode == 0
@@ -158,6 +160,7 @@ def test_a_probe_that_answers_or_crashes(program, answer):
     assert probing.run_probes([python(program)]) == [answer]
 
 
+@pytest.mark.slow
 def test_a_probe_that_hangs_is_ended_and_the_others_are_heard(tmp_path):
     """It is deaf to politer signals."""
     note = tmp_path / "pid"
@@ -266,6 +269,7 @@ def test_a_package_that_is_missing_has_no_version(monkeypatch):
     assert machine.versions(("numpy",)) == {"numpy": None}
 
 
+@pytest.mark.slow
 def test_the_python_api_gives_the_report():
     report = aoprecalc.doctor()
     assert report.passed

@@ -151,6 +151,7 @@ def test_an_extension_that_may_count_vertices_is_told(gltf_cube, bake_gltf):
     assert any("CESIUM_primitive_outline, which may refer" in line for line in bake_gltf()[2]["warnings"])
 
 
+@pytest.mark.slow
 def test_the_error_of_shared_places_is_told(gltf_cube, tmp_path):
     gltf, cube = gltf_cube
     mesh = gltf.mesh(cube)

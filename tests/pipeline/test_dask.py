@@ -126,11 +126,12 @@ def test_bakes_go_where_gpus_are_offered(two_workers, meshes, tmp_path):
     "way",
     [
         {},
-        pytest.param({"target_error": 0.02, "directions": 1024}, marks=pytest.mark.slow),
-        pytest.param({"two_sided": True}, marks=pytest.mark.slow),
+        {"target_error": 0.02, "directions": 1024},
+        {"two_sided": True},
     ],
     ids=str,
 )
+@pytest.mark.slow
 def test_a_bake_that_is_split_has_the_same_bytes(two_workers, meshes, tmp_path, way):
     bake = BakeOptions(**{"width": 64, "height": 64, "directions": 300, **way})
     alone = batch(meshes / "deep", tmp_path / "alone", bake=bake)

@@ -8,6 +8,7 @@ import trimesh
 
 
 @pytest.mark.parametrize("instead", [("--tolerance", "0.05"), ("--levels", "2,4")], ids="_".join)
+@pytest.mark.slow
 def test_two_numbers_are_refused_and_one_is_not(tmp_path, instead):
     trimesh.creation.icosphere(subdivisions=2).export(tmp_path / "ball.ply")
     codes = []

@@ -1,6 +1,7 @@
 """Samples of border texels lay on the border itself: at a crease inside the wall, which light then passed."""
 
 import numpy as np
+import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
@@ -27,6 +28,7 @@ def test_the_first_texel_beside_a_wall_is_as_dark_as_the_next():
     assert 0.4 < first <= second + 0.01
 
 
+@pytest.mark.slow
 def test_the_inside_of_a_box_is_dark_up_to_its_edges():
     positions, faces = box()
     texture = bake_scene(

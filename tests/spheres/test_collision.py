@@ -51,7 +51,8 @@ def test_every_point_is_held(shape, count, surface_points):
     assert (quality["coverage"], quality["leak"] < 2e-3) == (1, True)
 
 
-@pytest.mark.parametrize("name", [pytest.param("ball", marks=slow), pytest.param("torus", marks=slow), "capsule"])
+@slow
+@pytest.mark.parametrize("name", ["ball", "torus", "capsule"])
 def test_a_closed_mesh_is_held_and_spheres_protrude_far_less_than_clusters_do(name, capsule, surface_points):
     scene = {"ball": shapes.scene(*shapes.ball(3)), "torus": shapes.scene(*shapes.torus()), "capsule": capsule}[name]
     count, most = {"ball": (3, 0.012), "torus": (20, 0.09), "capsule": (8, 0.05)}[name]
