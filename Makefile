@@ -2,6 +2,7 @@
 # make test    run the quick tests: every command, backend and format
 # make test-all    run every test; make test-slow: those that make test leaves out
 # make lint    ruff and mypy
+# make docs    build the documentation site, docs/_build/html; make docs-serve: show it at http://localhost:8000
 # make bench   measure speed and memory
 # All of them need `make setup` only once; it comes by itself.
 
@@ -10,7 +11,7 @@ BIN := .venv/bin
 SETUP := .venv/.setup
 PYTEST = $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
-.PHONY: setup demo test test-slow test-all lint bench clean
+.PHONY: setup demo test test-slow test-all lint docs docs-serve docs-linkcheck bench clean
 
 setup: $(SETUP)
 
@@ -45,9 +46,20 @@ lint: $(SETUP)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+docs: $(SETUP)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	$(BIN)/sphinx-build -n -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+docs-serve: docs
+	$(BIN)/python -m http.server --bind localhost --directory docs/_build/html 8000
+
+docs-linkcheck: docs
+	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/linkcheck
+
 bench: $(SETUP)
 	$(BIN)/python benchmarks/speed.py
 	$(BIN)/python benchmarks/spheres.py
 
 clean:
-	rm -rf .venv tests/validator/node_modules demo build dist
+	rm -rf .venv tests/validator/node_modules demo build dist docs/_build
