@@ -1,4 +1,4 @@
-# make demo    bake an example, fit its spheres, and say where the pictures are
+# make demo    bake an example, fit spheres to it, and say where the pictures are
 # make test    run the quick tests: every command, backend and format
 # make test-all    run every test; make test-slow: those that make test leaves out
 # make lint    ruff and mypy
@@ -24,12 +24,15 @@ $(SETUP): pyproject.toml scripts/setup-gl scripts/setup-validator tests/validato
 
 demo: $(SETUP)
 	$(BIN)/python examples/make_meshes.py demo
-	cd demo && ../$(BIN)/aoprecalc bake colonnade.obj --crease-angle 40 && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300
-	$(BIN)/python examples/render.py demo/colonnade_ao.obj demo/colonnade_ao.png demo/colonnade_spheres.json -o demo/colonnade_picture.png
+	cd demo && ../$(BIN)/aoprecalc bake colonnade.obj --crease-angle 40
+	cd demo && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300 --method shadow -o colonnade_shadow.json
+	cd demo && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300 --method lloyd -o colonnade_lloyd.json
+	cd demo && ../$(BIN)/python ../examples/render.py colonnade_ao.obj colonnade_ao.png \
+		colonnade_shadow.json colonnade_lloyd.json --size 1200 640 -o colonnade_picture.png
 	@echo
 	@echo "Pictures to look at:"
 	@echo "  demo/colonnade_ao.png        the ambient-occlusion texture"
-	@echo "  demo/colonnade_picture.png   the mesh lit with it, its shadow cast by the spheres"
+	@echo "  demo/colonnade_picture.png   the mesh lit with it, its shadow cast by 300 spheres of --method shadow and of lloyd"
 
 test: $(SETUP)
 	$(PYTEST) -m "not slow"

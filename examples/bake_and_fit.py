@@ -36,7 +36,7 @@ def build(mesh: Path, folder: Path, bake: aoprecalc.BakeOptions, fit: aoprecalc.
     baked.save(f"{folder}/", progress=StageLines())
     fitted.save(f"{folder}/")
     seconds = baked.report.seconds["total"]
-    print(f"  mean occlusion {baked.report.ao.mean:.2f}, {len(fitted)} spheres, {seconds:.1f} s")
+    print(f"  mean AO {baked.report.ao.mean:.2f}, {len(fitted)} spheres, {seconds:.1f} s")
 
 
 def main() -> int:

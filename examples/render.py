@@ -1,9 +1,10 @@
-"""Renders a mesh with its baked texture, on a ground that its spheres shade: what a renderer does with the results.
+"""Renders a mesh with its ambient-occlusion texture, and the soft shadow that its spheres cast on the ground.
 
-    python examples/render.py MESH_WITH_UVS TEXTURE SPHERES.json -o picture.png
+    python examples/render.py MESH_WITH_UVS TEXTURE SPHERES.json... -o picture.png
 
-The lighting is in shaders/ambient.glsl and shaders/sphere_shadow.glsl, which any OpenGL renderer can take over;
-the rest, here and in shaders/studio, is a small photographer's studio.
+Several sphere sets are drawn one below the other, each under its file's name. The lighting is in shaders/ambient.glsl
+and shaders/sphere_shadow.glsl, which any OpenGL renderer can take over; the rest, here and in shaders/studio, is a
+small photographer's studio.
 """
 
 import argparse
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from aoprecalc import AoprecalcError, InputError
 from aoprecalc.gl.context import open_renderer
@@ -126,15 +127,25 @@ def draw(
 
 
 def render(chosen: argparse.Namespace) -> None:
-    """Read the files, draw the picture and save it."""
-    scene, (spheres, _) = load_scene(chosen.mesh), read_sphere_set(chosen.spheres)
+    """Read the files, draw the pictures and save them as one."""
+    scene = load_scene(chosen.mesh)
     if scene.uvs is None:
         raise InputError(f"{chosen.mesh}: has no UVs; use the mesh that `aoprecalc bake` wrote")
+    sets = [read_sphere_set(file)[0] for file in chosen.spheres]
     normals = y_up(shading_normals(scene), chosen.up)
     mesh = np.concatenate([y_up(scene.corners, chosen.up), normals, scene.uvs], axis=2).reshape(-1, 8)
-    rows = np.column_stack([y_up(spheres.centers, chosen.up), spheres.radii])
+    width, height = chosen.size
+    picture = Image.new("RGB", (width, height * len(sets)))
     with open_renderer() as renderer:
-        draw(renderer.context, mesh, read_image(chosen.texture), rows, tuple(chosen.size)).save(chosen.output)
+        for number, spheres in enumerate(sets):
+            rows = np.column_stack([y_up(spheres.centers, chosen.up), spheres.radii])
+            drawn = draw(renderer.context, mesh, read_image(chosen.texture), rows, (width, height))
+            picture.paste(drawn, (0, number * height))
+    if len(sets) > 1:
+        font = ImageFont.load_default(size=22)
+        for number, file in enumerate(chosen.spheres):
+            ImageDraw.Draw(picture).text((24, number * height + 18), file.name, fill=(70, 74, 80), font=font)
+    picture.save(chosen.output)
 
 
 def main() -> None:
@@ -142,10 +153,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Render a mesh with its baked texture and its spheres' shadow.")
     parser.add_argument("mesh", type=Path, help="as written by `aoprecalc bake`, with UVs")
     parser.add_argument("texture", type=Path, help="its ambient-occlusion texture")
-    parser.add_argument("spheres", type=Path, help="its spheres, as written by `aoprecalc spheres`")
+    parser.add_argument("spheres", type=Path, nargs="+", help="its sphere sets, as written by `aoprecalc spheres`")
     parser.add_argument("-o", "--output", type=Path, default=Path("picture.png"))
     parser.add_argument("--up", choices=("y", "z"), default="y", help="the mesh's upward axis (default: y)")
-    parser.add_argument("--size", type=int, nargs=2, default=(1280, 720), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument(
+        "--size", type=int, nargs=2, default=(1280, 720), metavar=("WIDTH", "HEIGHT"), help="of each picture"
+    )
     chosen = parser.parse_args()
 
     try:

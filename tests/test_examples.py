@@ -56,6 +56,7 @@ def test_meshes_are_closed_and_have_no_uvs(meshes, name):
     mesh = trimesh.load(meshes / name)
     assert load_scene(meshes / name).uvs is None
     assert mesh.is_watertight
+    assert mesh.body_count == 1 or name != "colonnade.obj"  # no faces touch, so that no texel is dark
     assert mesh.is_winding_consistent
     assert mesh.volume > 0
 
@@ -97,6 +98,18 @@ def test_render_shows_the_mesh_and_its_shadow_on_the_ground(assets):
     assert brightness(in_shadow) < 0.85 * brightness(far)
     assert brightness(beside) < brightness(far) - 0.01  # in the sun, but close to the steps
     assert brightness(far) > 0.8
+
+
+def test_render_draws_several_sphere_sets_one_below_the_other(assets, tmp_path):
+    inputs = [assets / "colonnade_ao.obj", assets / "colonnade_ao.png", assets / "colonnade_spheres.json"]
+    small = tmp_path / "one_small.csv"
+    small.write_text("x,y,z,radius\n0,0,0,0.01\n")
+    code, _ = run("render.py", *inputs, small, "-o", tmp_path / "both.png", "--size", *SIZE)
+    assert code == 0
+    both = np.asarray(Image.open(tmp_path / "both.png"), float)
+    assert both.shape == (2 * SIZE[1], SIZE[0], 3)
+    upper, lower = np.split(both, 2)
+    assert (upper < lower - 20).any(axis=2).mean() > 0.02  # the first set's shadow on the ground
 
 
 def test_render_turns_z_up(assets):
