@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from aoprecalc import __version__
 from aoprecalc.errors import OutputError
 from aoprecalc.options import BatchOptions
 from aoprecalc.pipeline import BatchProgress, Cache, batch, default_cache
@@ -282,7 +283,12 @@ def test_the_command_says_what_it_holds_and_removes(ring, pool, command, monkeyp
     assert command("batch", "in", "-o", "out", "--spheres", "-n 8 -s 500").returncode == 0
     said = json.loads(command("cache", "info", "--json").stdout)
     size = Cache(tmp_path / "named").usage().bytes
-    assert said == {"schema": 1, "folder": f"{tmp_path}/named", "holds": {"results": 1, "bytes": size}}
+    assert said == {
+        "schema": 1,
+        "version": __version__,
+        "folder": f"{tmp_path}/named",
+        "holds": {"results": 1, "bytes": size},
+    }
     assert command("cache", "prune", "--max-age", "1d").stdout == f"{tmp_path}/named  removed 0 results, 0 bytes\n"
     assert command("cache", "prune", "--max-size", "1M", "--cache", "other").stdout.startswith("other  removed 0 ")
     said = json.loads(command("cache", "prune", "--all", "--json").stdout)

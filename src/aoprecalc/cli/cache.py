@@ -10,7 +10,7 @@ from aoprecalc.errors import UsageError
 from aoprecalc.options.fields import AGE, BYTES, format_bytes
 
 if TYPE_CHECKING:
-    from aoprecalc.pipeline.cache import CacheUsage
+    from aoprecalc.pipeline.cache import CacheReport
 
 _folder = option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of the cache.")
 
@@ -25,10 +25,10 @@ def cache() -> None:
 @output_options
 def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
     """Print where the cache is, how many results it holds, and how large it is."""
-    from aoprecalc.pipeline import Cache, default_cache
+    from aoprecalc.pipeline.cache import Cache, CacheReport, default_cache
 
     folder = Path(cache) if cache else default_cache()
-    _print(folder, "holds", Cache(folder).usage(), as_json)
+    _print(CacheReport(str(folder), holds=Cache(folder).usage()), as_json)
 
 
 @cache.command(cls=Command, short_help="Remove results that are old, or exceed a size.")
@@ -60,25 +60,22 @@ def prune(
     verbose: bool,
 ) -> None:
     """Remove results that were not used within --max-age, then the least recently used beyond --max-size; or all."""
-    from aoprecalc.pipeline import Cache, default_cache
+    from aoprecalc.pipeline.cache import Cache, CacheReport, default_cache
 
     if max_size is None and max_age is None and not everything:
         raise UsageError("nothing says what to remove; give --max-size, --max-age or --all")
     folder = Path(cache) if cache else default_cache()
     removed = Cache(folder).prune(0 if everything else max_size, None if max_age is None else max_age * 86400)
-    _print(folder, "removed", removed, as_json)
+    _print(CacheReport(str(folder), removed=removed), as_json)
 
 
-def _print(folder: Path, verb: str, usage: "CacheUsage", as_json: bool) -> None:
+def _print(report: "CacheReport", as_json: bool) -> None:
     if as_json:
-        from aoprecalc.io.outputs import SCHEMAS, json_text
+        from aoprecalc.io.outputs import json_text
 
-        document = {
-            "schema": SCHEMAS["cache"],
-            "folder": str(folder),
-            verb: {"results": usage.entries, "bytes": usage.bytes},
-        }
-        click.echo(json_text(document), nl=False)
+        click.echo(json_text(report.to_dict()), nl=False)
         return
-    results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
-    click.echo(f"{folder}  {verb} {results}, {format_bytes(usage.bytes)}")
+    for verb, usage in (("holds", report.holds), ("removed", report.removed)):
+        if usage is not None:
+            results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
+            click.echo(f"{report.folder}  {verb} {results}, {format_bytes(usage.bytes)}")

@@ -192,7 +192,8 @@ def relative_uri(target: Path, file: Path) -> str:
 
 # JSON documents.
 
-# The version of each kind of document, its member "schema".
+# The version of each kind of document, its member "schema". The JSON Schemas are in the package's folder `schemas`:
+#     importlib.resources.files("aoprecalc") / "schemas" / "bake.schema.json"
 SCHEMAS = {
     "bake": 1,
     "batch": 1,

@@ -17,11 +17,13 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from aoprecalc.api.reports import OMIT_NONE, Document, Report
 from aoprecalc.errors import OutputError
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.pipeline.state import file_digest
 
 _ABANDONED_AFTER = 24 * 3600  # seconds after which an entry in `new` has no writer any more
@@ -33,11 +35,28 @@ _TAG = "Signature: 8a477f597d28d172789f06886806bc55\n# Results of aoprecalc, whi
 
 
 @dataclass(frozen=True)
-class CacheUsage:
-    """The number of entries and their size in bytes."""
+class CacheUsage(Report):
+    """The number of entries, which are results of assets, and their size in bytes."""
 
-    entries: int
+    entries: int = field(metadata={"key": "results"})
     bytes: int
+
+
+@dataclass(frozen=True)
+class CacheReport(Document):
+    """What a cache holds, or what was removed from it.
+
+    Attributes
+    ----------
+    folder : str
+    holds, removed : CacheUsage or None
+        The one that was asked for.
+    """
+
+    schema: int = field(default=SCHEMAS["cache"], kw_only=True)
+    folder: str
+    holds: CacheUsage | None = field(default=None, metadata=OMIT_NONE)
+    removed: CacheUsage | None = field(default=None, metadata=OMIT_NONE)
 
 
 class Cache:

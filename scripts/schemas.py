@@ -1,0 +1,249 @@
+"""Write the JSON Schemas of all documents, and of manifests, to `src/aoprecalc/schemas`.
+
+python scripts/schemas.py     after a change of a report class, or of an option of manifests
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from inspect import cleandoc
+from pathlib import Path
+from typing import Any, Literal, get_args, get_type_hints
+
+import msgspec
+
+from aoprecalc.api.compare import CompareReport
+from aoprecalc.api.doctor import DoctorReport
+from aoprecalc.api.reports import OMIT_NONE, BakeReport, Document, Report, SphereQuality
+from aoprecalc.api.verify import VerifyReport
+from aoprecalc.io.outputs import SCHEMAS
+from aoprecalc.options import BakeOptions, Method, Radius, SphereOptions
+from aoprecalc.options.fields import OptionField, description, option_fields
+from aoprecalc.pipeline.cache import CacheReport
+from aoprecalc.pipeline.manifest import ManifestFile
+from aoprecalc.pipeline.report import BatchReport
+
+FOLDER = Path(__file__).parent.parent / "src" / "aoprecalc" / "schemas"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+ADDRESS = "https://raw.githubusercontent.com/aoprecalc/aoprecalc/main/src/aoprecalc/schemas"
+Schema = dict[str, Any]
+
+# Sphere sets are laid out by `io/sphere_files/json_format.py`, one sphere a line; these classes state what is in them.
+
+
+@dataclass(frozen=True)
+class Sphere(Report):
+    """A sphere, in the mesh's coordinates and units.
+
+    parent   index of a sphere of the next coarser level, in a set with levels
+    """
+
+    center: tuple[float, float, float]
+    radius: float
+    parent: int | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True)
+class SphereLevel(Report):
+    """A coarser level of a set."""
+
+    spheres: tuple[Sphere, ...]
+
+
+@dataclass(frozen=True)
+class SphereSetFile(Report):
+    """Spheres that stand in for a mesh: what `aoprecalc spheres` writes to a .json file and prints with --json.
+
+    Attributes
+    ----------
+    spheres : tuple of Sphere
+        At least one.
+    method, radius_rule, samples, seed
+        As in `SphereOptions`; the radius rule is "own" where the method chooses radii (shadow, collision).
+    iterations : int
+        Pairings of the samples with the spheres, or steps of the optimiser.
+    converged : bool
+        The last iteration changed no pairing; always true for shadow and collision.
+    quality : SphereQuality
+    guarded : int
+        How often a guard replaced the least-squares sphere (algebraic).
+    levels : tuple of SphereLevel
+        The coarser levels, the coarsest first.
+    """
+
+    schema: int = field(default=SCHEMAS["spheres"], kw_only=True)
+    spheres: tuple[Sphere, ...]
+    method: Method
+    radius_rule: Literal[Radius, "own"]
+    samples: int
+    seed: int
+    iterations: int
+    converged: bool
+    quality: SphereQuality
+    guarded: int | None = field(default=None, metadata=OMIT_NONE)
+    levels: tuple[SphereLevel, ...] | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True)
+class SphereMeasurement(Report):
+    """How well given spheres stand in for a mesh: what `aoprecalc spheres --measure` prints with --json.
+
+    spheres   their number
+    """
+
+    schema: int = field(default=SCHEMAS["spheres"], kw_only=True)
+    spheres: int
+    quality: SphereQuality
+
+
+DOCUMENTS: dict[str, tuple[type[Report], str]] = {
+    "bake": (BakeReport, "Report of aoprecalc bake"),
+    "batch": (BatchReport, "Report of aoprecalc batch"),
+    "cache": (CacheReport, "Output of aoprecalc cache --json"),
+    "compare": (CompareReport, "Report of aoprecalc compare"),
+    "doctor": (DoctorReport, "Output of aoprecalc doctor --json"),
+    "spheres": (SphereSetFile, "Sphere set of aoprecalc spheres"),
+    "measure": (SphereMeasurement, "Output of aoprecalc spheres --measure --json"),
+    "verify": (VerifyReport, "Report of aoprecalc verify"),
+}
+
+
+def schemas() -> dict[str, str]:
+    """Return the text of each schema by its file name."""
+    found = {name: document_schema(*stated) for name, stated in DOCUMENTS.items()} | {"manifest": manifest_schema()}
+    heads = {
+        name: {"$schema": DIALECT, "$id": f"{ADDRESS}/{name}.schema.json", "title": schema.pop("title")}
+        for name, schema in found.items()
+    }
+    return {f"{name}.schema.json": json.dumps(heads[name] | found[name], indent=2) + "\n" for name in found}
+
+
+# Documents.
+
+
+def document_schema(kind: type[Report], title: str) -> Schema:
+    """Return the schema of the document of a report class."""
+    schema = msgspec.json.schema(kind)
+    definitions = schema["$defs"]
+    for name, definition in definitions.items():
+        _as_written(definition, next(entry for entry in _classes(kind) if entry.__name__ == name))
+    return {**definitions.pop(kind.__name__), "title": title, **({"$defs": definitions} if definitions else {})}
+
+
+def _as_written(definition: Schema, kind: type) -> None:
+    """Let the schema of a class say what `Report.to_dict` makes of it."""
+    given, texts, properties, required = definition["properties"], _texts(kind), {}, []
+    for entry in fields(kind):
+        name, value = entry.metadata.get("key", entry.name), given[entry.name]
+        value.pop("default", None)
+        if entry.metadata.get("omit_none"):
+            value = next(choice for choice in value["anyOf"] if choice != {"type": "null"})
+        else:
+            required.append(name)
+        if name == "schema":
+            value = {"const": entry.default}
+        properties[name] = value | ({"description": texts[entry.name]} if entry.name in texts else {})
+    definition.pop("title")
+    definition["description"] = _sentence(" ".join(cleandoc(kind.__doc__ or "").partition("\n\n")[0].split()))
+    definition |= {"properties": properties, "required": required, "additionalProperties": False}
+
+
+def _classes(kind: Any) -> Iterator[type]:
+    """Yield a report class and those that its fields are made of."""
+    if is_dataclass(kind) and isinstance(kind, type):
+        yield kind
+        for hint in get_type_hints(kind).values():
+            yield from _classes(hint)
+    for part in get_args(kind):
+        yield from _classes(part)
+
+
+def _texts(kind: type) -> dict[str, str]:
+    """Return what a class's docstring says of each field: "name : type" with lines below, or "name   text"."""
+    texts: dict[str, list[str]] = {"schema": ["Number of this schema."]}
+    if issubclass(kind, Document):
+        texts["version"] = ["Version of aoprecalc."]
+    names: list[str] = []
+    attributes = "\nAttributes\n---" in cleandoc(kind.__doc__ or "")
+    head = r"([\w, ]+?)(?: : .*)?()$" if attributes else r"(\w+(?:(?:, | to )\w+)*)\s{2,}(\S.*)$"
+    for line in cleandoc(kind.__doc__ or "").splitlines()[1:]:
+        if not line.startswith(" ") and (found := re.match(head, line)):
+            names = _listed(found[1], [entry.name for entry in fields(kind)])
+            group = f"{found[1]}:" if len(names) > 1 else ""
+            texts |= {name: [group, found[2]] for name in names}
+        elif line.startswith(" "):
+            for name in names:
+                texts[name].append(line.strip())
+        else:
+            names = []
+    joined = {name: " ".join(filter(None, lines)) for name, lines in texts.items()}
+    return {name: _sentence(text) for name, text in joined.items() if text and not text.endswith(":")}
+
+
+def _sentence(text: str) -> str:
+    """Return a text of a docstring as one about JSON."""
+    text = re.sub(r"\bNone\b", "null", re.sub(r"\bTrue\b", "true", text.replace("``", "")))
+    text = re.sub("^[a-z]+ ", lambda word: word[0].capitalize(), text)
+    return text if text.endswith(".") else f"{text}."
+
+
+def _listed(text: str, names: list[str]) -> list[str]:
+    """Return the fields that the head of a paragraph names: "a, b", or all of "a to b"."""
+    first, _, last = text.partition(" to ")
+    if last:
+        return names[names.index(first) : names.index(last) + 1]
+    return [name for name in text.split(", ") if name in names]
+
+
+# Manifests.
+
+
+def manifest_schema() -> Schema:
+    """Return the schema of manifests, with keys as the documentation writes them: with hyphens."""
+    schema = msgspec.json.schema(ManifestFile)
+    definitions = {name.lstrip("_"): definition for name, definition in schema["$defs"].items()}
+    for name, options in (("BakeTable", BakeOptions), ("SphereTable", SphereOptions)):
+        for option in option_fields(options):
+            if option.name in definitions[name]["properties"]:
+                definitions[name]["properties"][option.name] |= {"description": description(option), **_bounds(option)}
+    for definition in definitions.values():
+        definition["required"] = definition.pop("required", [])
+        definition["properties"] = {
+            name.replace("_", "-"): _in_toml(value) for name, value in definition["properties"].items()
+        }
+        definition.pop("title")
+        if not definition["required"]:
+            del definition["required"]
+    title = "Manifest of aoprecalc batch"
+    text = json.dumps({**definitions.pop("ManifestFile"), "title": title, "$defs": definitions})
+    renamed: Schema = json.loads(text.replace("#/$defs/_", "#/$defs/"))
+    return renamed
+
+
+def _bounds(field: OptionField) -> Schema:
+    """Return the bounds of an option's number; they say nothing about values of other types."""
+    if field.option.range is None or field.kind == "integers":
+        return {}
+    low, high = field.option.range
+    return {"exclusiveMinimum" if field.option.above_min else "minimum": low, "maximum": high}
+
+
+def _in_toml(value: Schema) -> Schema:
+    """Return the schema of a key: TOML has no null, and a whole number is a number."""
+    value = {key: entry for key, entry in value.items() if key != "default"}
+    choices = [choice for choice in value.get("anyOf", []) if choice != {"type": "null"}]
+    if {"type": "number"} in choices:
+        choices = [choice for choice in choices if choice != {"type": "integer"}]
+    if len(choices) == 1:
+        del value["anyOf"]
+        return choices[0] | value
+    return value | ({"anyOf": choices} if choices else {})
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for file in FOLDER.glob("*.json"):
+        file.unlink()
+    for name, text in schemas().items():
+        (FOLDER / name).write_text(text, encoding="utf-8")
