@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 from aoprecalc import AoprecalcError, InputError
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.io import load_scene, read_image
-from aoprecalc.io.sphere_files import read_sphere_set
+from aoprecalc.io.sphere_files import read_spheres
 from aoprecalc.mesh.normals import shading_normals
 
 
@@ -131,14 +131,14 @@ def render(chosen: argparse.Namespace) -> None:
     scene = load_scene(chosen.mesh)
     if scene.uvs is None:
         raise InputError(f"{chosen.mesh}: has no UVs; use the mesh that `aoprecalc bake` wrote")
-    sets = [read_sphere_set(file)[0] for file in chosen.spheres]
+    sets = [read_spheres(file) for file in chosen.spheres]
     normals = y_up(shading_normals(scene), chosen.up)
     mesh = np.concatenate([y_up(scene.corners, chosen.up), normals, scene.uvs], axis=2).reshape(-1, 8)
     width, height = chosen.size
     picture = Image.new("RGB", (width, height * len(sets)))
     with open_renderer() as renderer:
-        for number, spheres in enumerate(sets):
-            rows = np.column_stack([y_up(spheres.centers, chosen.up), spheres.radii])
+        for number, (centers, radii) in enumerate(sets):
+            rows = np.column_stack([y_up(centers, chosen.up), radii])
             drawn = draw(renderer.context, mesh, read_image(chosen.texture), rows, (width, height))
             picture.paste(drawn, (0, number * height))
     if len(sets) > 1:
