@@ -13,7 +13,7 @@ their names, so that importing the package takes no time; type checkers see the 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "AoprecalcError",

@@ -2,17 +2,17 @@
 
 import os
 import platform
+import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 LIBRARIES = (
-    "numpy", "scipy", "moderngl", "glcontext", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click", "msgspec",
-    "rich",
+    "numpy", "scipy", "moderngl", "glcontext", "embreex", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click",
+    "msgspec", "rich",
 )  # fmt: skip
 # The extras of the package and the libraries that each installs.
 EXTRAS = {
-    "ray": ("embreex",),
     "compressed": ("DracoPy", "meshoptimizer"),
     "formats": ("lxml", "networkx", "pycollada"),
     "cluster": ("distributed",),
@@ -25,6 +25,16 @@ _PREFIXES = (
     "EGL_", "GALLIUM_", "GLCONTEXT_", "LIBGL_", "LP_", "MESA_", "NVIDIA_", "__EGL_", "__GLX_", "__NV_",
 )  # fmt: skip
 _VARIABLES = ("DISPLAY", "LD_LIBRARY_PATH", "LD_PRELOAD", "WAYLAND_DISPLAY")
+
+
+def system_name() -> str:
+    """Return the name of the operating system for messages: Linux, macOS, Windows ..."""
+    return {"darwin": "macOS", "win32": "Windows"}.get(sys.platform) or platform.system()
+
+
+def has_headless_opengl() -> bool:
+    """Tell whether this system may have OpenGL without a display: macOS ends at 4.1, Windows has no EGL."""
+    return sys.platform not in ("darwin", "win32")
 
 
 def usable_cores() -> float:

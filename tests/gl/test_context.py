@@ -4,13 +4,16 @@ import ctypes
 import subprocess
 import sys
 
+import moderngl
 import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import RendererError, UsageError
 from aoprecalc.gl import context
 from aoprecalc.options import BakeOptions
+from aoprecalc.progress import Progress
 from aoprecalc.uv import select as choose
+from aoprecalc.visibility.backend import open_backend
 from shapes import scene, torus
 
 
@@ -18,9 +21,9 @@ def without_egl(monkeypatch):
     def no_library(*args, **given):
         raise Exception("libEGL.so.1: cannot open shared object file")
 
-    real = context.moderngl.create_context
+    real = moderngl.create_context
     monkeypatch.setattr(
-        context.moderngl, "create_context", lambda **given: no_library() if "backend" in given else real(**given)
+        moderngl, "create_context", lambda **given: no_library() if "backend" in given else real(**given)
     )
 
 
@@ -52,6 +55,32 @@ def test_without_any_library_the_error_says_what_to_install(monkeypatch):
     with pytest.raises(RendererError, match=advice), context.open_renderer():
         pass
     assert RendererError.exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("platform", "hidden", "expected"),
+    [
+        ("darwin", None, "no OpenGL 4.3: macOS has none that works without a display"),
+        ("win32", None, "no OpenGL 4.3: Windows has none that works without a display"),
+        ("linux", "moderngl", "no OpenGL 4.3: moderngl, which opens it, is not installed; `pip install moderngl`"),
+    ],
+)
+def test_without_any_way_to_opengl_nothing_is_tried_and_rays_are_traced(platform, hidden, expected, monkeypatch):
+    monkeypatch.setattr(sys, "platform", platform)
+    if hidden:
+        monkeypatch.setitem(sys.modules, hidden, None)
+    with pytest.raises(RendererError) as raised, context.open_renderer():
+        pass
+    assert str(raised.value) == expected
+    notes = []
+
+    class Heard(Progress):
+        def note(self, text):
+            notes.append(text)
+
+    with open_backend(BakeOptions(), Heard()) as backend:
+        assert backend.kind == "ray"
+    assert notes == [f"rays are traced instead of maps drawn: {expected}"]
 
 
 def test_a_size_beyond_the_renderer_is_refused_before_anything_is_unwrapped(monkeypatch):

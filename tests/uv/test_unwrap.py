@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from aoprecalc.errors import AoprecalcError, InputError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
@@ -144,8 +144,34 @@ def test_eight_texels_of_padding_are_right_to_level_two():
     assert [first_unsafe_mip(99, padding) for padding in (0, 1, 3, 6)] == [0, 1, 2, 3]
 
 
-def choose(made, unwrap):
-    return choose_atlas(CPURasterizer, made, BakeOptions(width=SIZE, height=SIZE, unwrap=unwrap), Progress())
+def choose(made, unwrap, progress=None):
+    options = BakeOptions(width=SIZE, height=SIZE, unwrap=unwrap)
+    return choose_atlas(CPURasterizer, made, options, progress or Progress())
+
+
+class Notes(Progress):
+    def __init__(self):
+        self.said = []
+
+    def note(self, text):
+        self.said.append(text)
+
+
+def test_where_xatlas_is_not_installed_auto_takes_uvunwrap_and_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xatlas", None)
+    heard = Notes()
+    assert choose(scene(*box()), "auto", heard).method == "uvunwrap"
+    assert heard.said[-1].startswith("uvunwrap makes the UVs: xatlas is not installed")
+
+
+@pytest.mark.parametrize(("method", "other"), [("xatlas", "uvunwrap"), ("uvunwrap", "xatlas")])
+def test_an_unwrapper_that_is_not_installed_is_refused(method, other, monkeypatch):
+    monkeypatch.setitem(sys.modules, method, None)
+    with pytest.raises(ArgumentError, match=f"unwrap is {method}.*`pip install {method}`, or use {other}"):
+        choose(scene(*box()), method)
+    monkeypatch.setitem(sys.modules, other, None)
+    with pytest.raises(ArgumentError, match="neither of which is installed"):
+        choose(scene(*box()), "auto")
 
 
 def test_good_uvs_are_kept():

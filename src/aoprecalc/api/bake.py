@@ -128,7 +128,7 @@ def bake(
     options : BakeOptions, optional
         Size of the texture, number of directions and so on.
     verify : bool
-        Measure the texture against ray tracing, for the report; needs the extra ``ray``.
+        Measure the texture against ray tracing, for the report.
     progress : Progress, optional
         Receives stages, notes and warnings.
 

@@ -15,7 +15,7 @@ from aoprecalc.gl.context import CANDIDATES, INSTALLS, VERSION, Candidate
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.subprocesses import ChildStoppedError, ChildTimeoutError, ask, command
-from aoprecalc.system import EXTRAS, LIBRARIES, environment, machine, versions
+from aoprecalc.system import EXTRAS, LIBRARIES, environment, has_headless_opengl, machine, versions
 
 PROBE_SECONDS = 20.0  # that a probe may take; it needs a tenth of one
 
@@ -97,7 +97,6 @@ _WHY = {
     "ray": f"there is no {_OPENGL}, and rays can be traced",
 }
 _USES = {
-    "ray": "to trace rays where there is no OpenGL, and to verify",
     "compressed": "to read Draco and meshopt meshes (meshoptimizer needs a C++ compiler)",
     "formats": "to read COLLADA and 3MF",
     "cluster": "to share batches among machines",
@@ -262,12 +261,12 @@ def _run_self_test() -> SelfTestResult:
 
 def _install_hints(probes: ProbeResults, extras: dict[str, dict[str, str | None]]) -> list[InstallHint]:
     hints = []
-    if not any(answer.works for _, answer in probes.opengl):
+    if has_headless_opengl() and not any(answer.works for _, answer in probes.opengl):
         hints.append(InstallHint(_OPENGL, "to bake by depth maps, which is faster than by rays", INSTALLS.copy()))
+    if not probes.rays.works:
+        hints.append(InstallHint("embreex", "to trace rays, and to verify", {"any": "pip install embreex"}))
     for extra, packages in extras.items():
         missing = [name for name, version in packages.items() if version is None]
-        if extra == "ray" and not probes.rays.works:
-            missing = list(packages)
         if missing:
             line = f"pip install 'aoprecalc[{extra}]'"
             hints.append(InstallHint(", ".join(missing), _USES[extra], {"any": line}))

@@ -119,7 +119,7 @@ def verify(
     report: str | PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> VerifyReport:
-    """Measure an ambient-occlusion texture, of any origin, against ray tracing; needs the extra ``ray``.
+    """Measure an ambient-occlusion texture, of any origin, against ray tracing.
 
     The texture is looked up bilinearly at points uniform on the surface, at full resolution and in its mip levels.
 

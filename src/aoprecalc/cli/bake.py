@@ -31,7 +31,7 @@ from aoprecalc.options import BakeOptions
     "--verify",
     is_flag=True,
     group="Output",
-    help="Measure the texture against ray tracing, for the report; needs the extra ray.",
+    help="Measure the texture against ray tracing, for the report.",
 )
 @option("--report", metavar="FILE", group="Output", help="Write what was read, chosen and measured as JSON.")
 @options_of(BakeOptions)

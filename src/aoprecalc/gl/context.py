@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, Self
-
-import moderngl
+from typing import TYPE_CHECKING, Any, Self
 
 from aoprecalc.errors import RendererError
+from aoprecalc.system import has_headless_opengl, system_name
+
+if TYPE_CHECKING:
+    import moderngl  # in functions: it is installed on Linux only
 
 VERSION = (4, 3)  # the first with compute shaders and storage buffers
 LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
@@ -21,10 +24,11 @@ EGL_LIBRARY = "libEGL.so.1"
 _EGL = {"backend": "egl", "libegl": EGL_LIBRARY, "libgl": "libGL.so.1"}
 _MAX_DEVICES = 16
 
-# How to install a software renderer, by system.
+# How to install a software renderer, by system. conda-forge's Mesa has EGL from version 26.1.
 INSTALLS = {
     "Debian, Ubuntu": "apt-get install libegl1 libgl1 libgl1-mesa-dri",
     "Fedora": "dnf install mesa-libEGL mesa-libGL mesa-dri-drivers",
+    "conda": "conda install -c conda-forge libegl libgl mesa-llvmpipe",
 }
 _ADVICE = "install a software renderer: " + ", ".join(f"`{line}` ({system})" for system, line in INSTALLS.items())
 
@@ -59,9 +63,18 @@ class Renderer:
     name      GL_RENDERER, e.g. "llvmpipe (LLVM 15.0.6, 256 bits)"
     """
 
-    context: moderngl.Context
+    context: "moderngl.Context"
     kind: str
     name: str
+
+
+def opengl_problem() -> str | None:
+    """Return why no context can be made here, whatever drivers there are, or None where one may be."""
+    if not has_headless_opengl():
+        return f"{system_name()} has none that works without a display"
+    if find_spec("moderngl") is None:
+        return "moderngl, which opens it, is not installed; `pip install moderngl`"
+    return None
 
 
 @contextmanager
@@ -82,12 +95,16 @@ def open_renderer(threads: int = 0) -> Iterator[Renderer]:
         context.release()
 
 
-def make_context(candidate: Candidate) -> moderngl.Context:
+def make_context(candidate: Candidate) -> "moderngl.Context":
     """Make the context of one candidate, of VERSION or later, current in this thread.
 
     Raises an exception of any kind, as glcontext raises bare ones for all its reasons. A broken driver may crash or
     hang the process.
     """
+    if problem := opengl_problem():
+        raise OSError(problem)
+    import moderngl
+
     require = VERSION[0] * 100 + VERSION[1] * 10
     if candidate.kind == "osmesa":
         in_memory: Any = OSMesaContext(*VERSION)
@@ -96,7 +113,9 @@ def make_context(candidate: Candidate) -> moderngl.Context:
     return moderngl.create_context(standalone=True, require=require, **settings)
 
 
-def _create() -> tuple[moderngl.Context, str]:
+def _create() -> tuple["moderngl.Context", str]:
+    if problem := opengl_problem():
+        raise RendererError(f"no OpenGL {VERSION[0]}.{VERSION[1]}: {problem}")
     failures, exhausted = [], ""
     for candidate in CANDIDATES:
         if candidate.kind == exhausted:
@@ -212,8 +231,8 @@ def _read_shader(package: str, name: str) -> str:
 
 
 def draw_program(
-    context: moderngl.Context, package: str, vertex: str, fragment: str, **constants: float | str
-) -> moderngl.Program:
+    context: "moderngl.Context", package: str, vertex: str, fragment: str, **constants: float | str
+) -> "moderngl.Program":
     """Compile a vertex and a fragment shader of `package` into a program."""
     return context.program(
         vertex_shader=shader_source(package, vertex, **constants),
@@ -222,7 +241,7 @@ def draw_program(
 
 
 def compute_program(
-    context: moderngl.Context, package: str, name: str, **constants: float | str
-) -> moderngl.ComputeShader:
+    context: "moderngl.Context", package: str, name: str, **constants: float | str
+) -> "moderngl.ComputeShader":
     """Compile a compute shader of `package`."""
     return context.compute_shader(shader_source(package, name, **constants))

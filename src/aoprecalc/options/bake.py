@@ -106,11 +106,11 @@ class BakeOptions(_TextureSize, LightOptions):
         "larger with fewer than 1000 directions.")] = None
     backend: Annotated[Backend, _visibility(
         "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl, else ray.",
-        more="Rays are traced by Embree (the extra `ray`), need no OpenGL and take four to eight times as "
+        more="Rays are traced by Embree, need no OpenGL and take four to eight times as "
         "long.")] = "auto"
     unwrap: Annotated[Unwrap, _mesh(
         "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.",
-        more="Else auto takes xatlas, or uvunwrap above 30,000 triangles.")] = "auto"
+        more="Else auto takes xatlas, or uvunwrap above 30,000 triangles and where xatlas is not installed.")] = "auto"
     unwrap_timeout: Annotated[float | None, _mesh(
         "Stop xatlas or uvunwrap after this time; the bake then fails.", range=(0, 1_000_000), above_min=True,
         unit="seconds", metavar="SECONDS", default_text="no limit")] = None

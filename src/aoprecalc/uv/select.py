@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, option_name
-from aoprecalc.options import LARGE_MESH, BakeOptions
+from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
 from aoprecalc.raster.samples import Rasterizer
@@ -17,6 +17,7 @@ from aoprecalc.uv.gutter import doubled_uv_areas
 from aoprecalc.uv.unwrap import needs_uvs, unwrap
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
+Unwrapper = Literal["xatlas", "uvunwrap"]
 
 MAX_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
 
@@ -40,26 +41,43 @@ def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: Bake
         if options.unwrap == "keep":
             raise InputError(f"{scene.path}: its UVs cannot hold a bake ({faults}); use --unwrap auto or xatlas")
         progress.note(f"the file's UVs are not kept: {faults}" if checks else "the file has no UVs")
-    if options.unwrap == "uvunwrap" and find_spec("uvunwrap") is None:
-        raise ArgumentError("unwrap", "is uvunwrap, which is not installed; `pip install uvunwrap`, or use xatlas")
-    large = np.count_nonzero(needs_uvs(scene)) > LARGE_MESH and find_spec("uvunwrap") is not None
-    fast = options.unwrap == "uvunwrap" or (options.unwrap == "auto" and large)
+    methods = _choose_unwrappers(options.unwrap, int(np.count_nonzero(needs_uvs(scene))), progress)
     size = min(options.width, options.height)
 
-    def unwrap_with(method: Literal["xatlas", "uvunwrap"]) -> Atlas:
+    def unwrap_with(method: Unwrapper) -> Atlas:
         timeout, on_step = options.unwrap_timeout, progress.step
         atlas = unwrap(scene, method, size, options.padding, timeout=timeout, on_step=on_step)
         return replace(atlas, checks=tuple(checks))
 
     try:
-        return unwrap_with("uvunwrap" if fast else "xatlas")
+        return unwrap_with(methods[0])
     except KilledError:  # which says nothing about the mesh
         raise
     except AoprecalcError as error:
-        if not (fast and options.unwrap == "auto" and isinstance(error.__cause__, ChildProcessError)):
+        if len(methods) == 1 or not isinstance(error.__cause__, ChildProcessError):
             raise
-        progress.note(f"xatlas is used instead: {error.worded(option_name)}")
-        return unwrap_with("xatlas")
+        progress.note(f"{methods[1]} is used instead: {error.worded(option_name)}")
+        return unwrap_with(methods[1])
+
+
+def _choose_unwrappers(wanted: Unwrap, faces: int, progress: Progress) -> list[Unwrapper]:
+    """Return the unwrapper to use, and what to use if that fails by a fault of its own.
+
+    Raises UsageError where the one that is asked for is not installed, or none is.
+    """
+    names: tuple[Unwrapper, ...] = ("xatlas", "uvunwrap")
+    installed = [name for name in names if find_spec(name) is not None]
+    if wanted == "xatlas" or wanted == "uvunwrap":
+        if wanted in installed:
+            return [wanted]
+        other = "uvunwrap" if wanted == "xatlas" else "xatlas"
+        raise ArgumentError("unwrap", f"is {wanted}, which is not installed; `pip install {wanted}`, or use {other}")
+    if not installed:
+        raise ArgumentError("unwrap", "needs xatlas or uvunwrap, neither of which is installed; `pip install uvunwrap`")
+    if installed == ["uvunwrap"]:
+        progress.note("uvunwrap makes the UVs: xatlas is not installed (PyPI has none for Python 3.14 or Linux on ARM)")
+        return installed
+    return installed[::-1] if faces > LARGE_MESH else installed[:1]
 
 
 def check_uvs(

@@ -8,16 +8,14 @@ from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
 from aoprecalc.errors import ArgumentError, RendererError
-from aoprecalc.gl.context import Renderer, open_renderer
+from aoprecalc.gl.context import VERSION, Renderer, open_renderer, opengl_problem
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.gl_rasterizer import GLRasterizer
 from aoprecalc.raster.layout import Layout
 from aoprecalc.raster.samples import Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
-from aoprecalc.visibility.depth_maps import DepthMapTester
 from aoprecalc.visibility.rays import RayTester, embreex_problem, require_embreex
 
 
@@ -85,10 +83,14 @@ class GLBackend:
 
     def rasterizer(self, layout: Layout) -> Rasterizer:
         """Return a GLRasterizer."""
+        from aoprecalc.raster.gl_rasterizer import GLRasterizer  # needs moderngl, as below
+
         return GLRasterizer(self._renderer.context, layout)
 
     def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
         """Return a DepthMapTester."""
+        from aoprecalc.visibility.depth_maps import DepthMapTester
+
         self._renderer.context.gc()  # frees what an earlier tester has allocated
         return DepthMapTester(self._renderer, surface, max_samples, shadow_size)
 
@@ -126,7 +128,7 @@ class RayBackend:
 
 @contextmanager
 def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
-    """Open the backend that `options` ask for; auto is gl, else ray with a note if it is installed.
+    """Open the backend that `options` ask for; auto is gl, else ray with a note.
 
     Raises RendererError where there is none.
     """
@@ -145,5 +147,12 @@ def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backe
             raise RendererError(f"{error}; or trace rays: {no_rays}") from error
         if options.backend == "gl":
             raise RendererError(f"{error}; or trace rays: --backend ray") from error
-        progress.note(f"rays are traced, which takes longer than maps: {error}")
+        progress.note(_ray_note())
         return RayBackend(options.threads)
+
+
+def _ray_note() -> str:
+    problem, opengl = opengl_problem(), f"OpenGL {VERSION[0]}.{VERSION[1]}"
+    if problem is not None:
+        return f"rays are traced instead of maps drawn: no {opengl}: {problem}"
+    return f"no {opengl}: rays are traced, which takes longer; `aoprecalc doctor` says how to get the faster way"

@@ -23,7 +23,7 @@ _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
 def embreex_problem() -> str | None:
     """Return why rays cannot be traced here and what to do, or None where they can."""
     if find_spec("embreex") is None:
-        return "embreex, which traces rays, is not installed; `pip install 'aoprecalc[ray]'`"
+        return "embreex, which traces rays, is not installed; `pip install embreex` (none for Linux or Windows on ARM)"
     try:
         import_module("embreex.rtcore_scene")
     except ImportError as error:
