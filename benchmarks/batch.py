@@ -1,6 +1,6 @@
 """How long batches take beside single runs, what they cost beyond the work, and what a cluster costs beyond that.
 
-    python benchmarks/batch.py [--assets N] [--unchanged N] [--bake OPTIONS] [--runs N]
+    python benchmarks/batch.py [--assets N] [--unchanged N] [--bake OPTIONS] [--runs N] [--tables]
 
 Meshes are made here. All times are of whole commands, with llvmpipe on one thread (LP_NUM_THREADS=1) and without a
 cache, medians of --runs; what is compared runs in turns.
@@ -9,7 +9,8 @@ cache, medians of --runs; what is compared runs in turns.
 - scheduler  `aoprecalc batch --scheduler`, two Dask workers of one thread each on this machine
 - overhead   `aoprecalc batch --jobs 1` less the seconds of its assets' own reports, an asset
 - unchanged  the batch once more, with --unchanged assets
-Everything goes into benchmarks/results/batch.json.
+Everything goes into benchmarks/results/batch.json, with --tables also the tables of the documentation
+(result_tables.py).
 """
 
 import argparse
@@ -26,6 +27,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import result_tables
 import trimesh
 
 RESULTS = Path(__file__).resolve().with_name("results") / "batch.json"
@@ -79,6 +81,7 @@ def main() -> None:
     parser.add_argument("--unchanged", type=int, default=1000)
     parser.add_argument("--bake", default="--size 256 -n 256")
     parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--tables", action="store_true", help="write the tables of the documentation")
     given = parser.parse_args()
     os.environ["LP_NUM_THREADS"] = "1"
     found: dict[str, list[float]] = {name: [] for name in ("single", "jobs", "scheduler", "overhead", "unchanged")}
@@ -123,6 +126,8 @@ def main() -> None:
     }
     RESULTS.write_text(json.dumps(document, indent=2) + "\n")
     print(json.dumps({**medians, **ratios}, indent=2))
+    if given.tables:
+        result_tables.main()
 
 
 if __name__ == "__main__":

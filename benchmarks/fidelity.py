@@ -1,11 +1,11 @@
-"""Errors of textures as rendered, and the time of baking them: the table of the README.
+"""Errors of textures as rendered, and the time of baking them.
 
-    python benchmarks/fidelity.py [--blender PYTHON] [--only NAME ...] [--readme]
+    python benchmarks/fidelity.py [--blender PYTHON] [--only NAME ...] [--tables]
 
 Bakes the meshes of ../shared/meshes that exist (else a generated torus) with both backends and, if an interpreter
 that has `bpy` is named, with Blender's Cycles, smooth and flat; measures every texture with `aoprecalc verify`; writes
-benchmarks/results/fidelity.json, in which a run with --only replaces only its own rows, and with --readme the table
-between the marks in README.md.
+benchmarks/results/fidelity.json, in which a run with --only replaces only its own rows, and with --tables the tables
+of the documentation (result_tables.py).
 """
 
 import argparse
@@ -18,6 +18,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import result_tables
 import trimesh
 
 from aoprecalc.io import load_scene, read_image
@@ -27,7 +28,6 @@ from aoprecalc.texture_lookup import bilinear
 ROOT = Path(__file__).resolve().parents[1]
 MESHES = ROOT.parent / "shared" / "meshes"
 RESULTS = ROOT / "benchmarks" / "results" / "fidelity.json"
-MARKS = "<!-- fidelity: made by benchmarks/fidelity.py -->", "<!-- end of fidelity -->"
 AUTHORED = MESHES / "jerry_ogre" / "ao_rest.png"
 
 # name, mesh, size, shading, tools
@@ -48,7 +48,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blender", metavar="PYTHON", help="an interpreter that has bpy")
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="meshes, or mesh/shading/tool")
-    parser.add_argument("--readme", action="store_true", help="write the table into README.md")
+    parser.add_argument("--tables", action="store_true", help="write the tables of the documentation")
     given = parser.parse_args()
     rows = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
     with tempfile.TemporaryDirectory() as folder:
@@ -64,11 +64,8 @@ def main() -> None:
                 rows = [old for old in rows if old["key"] != key] + [row]
                 write(rows)
                 print(f"{key:24} {row['seconds']:7.1f} s  rmse {row['rmse']:.4f}  p99 {row['p99']:.4f}", flush=True)
-    if given.readme:
-        readme = ROOT / "README.md"
-        before, _, rest = readme.read_text().partition(MARKS[0])
-        after = rest.partition(MARKS[1])[2]
-        readme.write_text(f"{before}{MARKS[0]}\n{table(rows)}\n{MARKS[1]}{after}")
+    if given.tables:
+        result_tables.main()
 
 
 def write(rows: list[dict[str, object]]) -> None:
@@ -137,21 +134,6 @@ def sample_texture(mesh: Path, texture: np.ndarray) -> np.ndarray:
     scene = load_scene(mesh)
     points = sample_surface(scene, np.ones(len(scene.faces), bool), 20_000, 0)
     return bilinear(texture, points.interpolate(scene.uvs), repeats=False)
-
-
-def table(rows: list[dict[str, object]]) -> str:
-    """Lay the rows out in Markdown."""
-    lines = [
-        "| mesh | triangles | texels | shading | baked by | seconds | RMSE | p50 | p95 | p99 | mip 1 | mip 2 |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        errors = " | ".join(f"{row[name]:.4f}" for name in ("rmse", "p50", "p95", "p99", "mip1", "mip2"))
-        lines.append(
-            f"| {row['mesh']} | {row['triangles']:,} | {row['size']}² | {row['shading']} | {row['tool']} | "
-            f"{row['seconds']:.1f} | {errors} |"
-        )
-    return "\n".join(lines)
 
 
 def aoprecalc(*words: object) -> str:

@@ -1,6 +1,6 @@
 """How fast textures of the same error are made: this project beside Blender's Cycles, libigl and MeshLab.
 
-    python benchmarks/speed.py [--blender PYTHON] [--peers PYTHON] [--only NAME ...] [--runs N] [--readme]
+    python benchmarks/speed.py [--blender PYTHON] [--peers PYTHON] [--only NAME ...] [--runs N] [--tables]
 
 Each mesh of ../shared/meshes that is listed below (else a torus made here) is baked on the same UVs at 1024 x 1024
 texels by each tool with ever more directions or rays; the error of each texture is what `aoprecalc verify` finds. From
@@ -12,14 +12,12 @@ PYTHON of --blender has bpy, that of --peers libigl and pymeshlab (benchmarks/re
 is a line that says so. libigl and MeshLab cast rays from vertices: of them only rays a second are told.
 
 Then bakes of growing size, one thing at a time: triangles, texels, directions. Everything goes into
-benchmarks/results/speed.json, charts (with matplotlib) into docs/pictures/speed.png, the table (with --readme) into
-README.md.
+benchmarks/results/speed.json, charts (with matplotlib) into docs/pictures/speed.png; with --tables the tables of the
+documentation are written, too (result_tables.py). `--only charts` measures nothing and draws the charts again.
 """
 
 import argparse
-import itertools
 import json
-import math
 import os
 import platform
 import statistics
@@ -29,12 +27,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import result_tables
 import trimesh
+from result_tables import LONG, speed_table
 
 ROOT = Path(__file__).resolve().parents[1]
 MESHES = ROOT.parent / "shared" / "meshes"
 RESULTS = ROOT / "benchmarks" / "results" / "speed.json"
-MARKS = "<!-- speed: made by benchmarks/speed.py -->", "<!-- end of speed -->"
 
 # name, mesh, shading
 CASES = [
@@ -46,8 +45,6 @@ CASES = [
 SIZE = 1024
 EFFORTS = {"gl": (64, 96, 128, 192, 256, 512, 1000), "ray": (64, 96, 128, 192, 256), "cycles": (16, 64)}
 NAMES = {"gl": "aoprecalc, maps", "ray": "aoprecalc, rays", "cycles": "Cycles"}
-LONG = 5.0  # seconds of a bake that is run once
-BAR = 64  # Cycles' samples at whose error times are compared
 PEERS = {"libigl": "igl", "MeshLab": "pymeshlab"}
 
 
@@ -56,9 +53,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blender", metavar="PYTHON", help="an interpreter that has bpy")
     parser.add_argument("--peers", metavar="PYTHON", default=sys.executable, help="one that has libigl and pymeshlab")
-    parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="mesh, mesh/shading, rays or growth")
+    parser.add_argument(
+        "--only", nargs="+", default=(), metavar="NAME", help="mesh, mesh/shading, rays, growth or charts"
+    )
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--readme", action="store_true", help="write the table into README.md")
+    parser.add_argument("--tables", action="store_true", help="write the tables of the documentation")
     given = parser.parse_args()
     found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"points": [], "rays": [], "growth": []}
     with tempfile.TemporaryDirectory() as folder:
@@ -74,14 +73,10 @@ def main() -> None:
         if not given.only or "growth" in given.only:
             found["growth"] = growth(given.runs, Path(folder))
             write(found)
-    lines = table(found)
-    print("\n".join(lines))
+    print("\n".join(speed_table(found["points"])))
     draw_charts(found)
-    if given.readme:
-        readme = ROOT / "README.md"
-        before, _, rest = readme.read_text().partition(MARKS[0])
-        text = "\n".join(lines)
-        readme.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{rest.partition(MARKS[1])[2]}")
+    if given.tables:
+        result_tables.main()
 
 
 def write(found: dict[str, list[dict[str, object]]]) -> None:
@@ -194,35 +189,6 @@ def write_torus(path: Path, across: int) -> None:
     faces = np.concatenate([np.column_stack([first, right, up + 1]), np.column_stack([first, up + 1, up])])
     visual = trimesh.visual.TextureVisuals(uv=np.column_stack([u / around, v / along]))
     trimesh.Trimesh(corners, faces, visual=visual, process=False).export(path)
-
-
-def table(found: dict[str, list[dict[str, object]]]) -> list[str]:
-    """Lay out, for each mesh, what each tool needs for the error of Cycles' 64 samples."""
-    lines = ["| mesh | shading | RMSE | Cycles | aoprecalc, maps | times faster | aoprecalc, rays | memory |"]
-    lines.append("|---|---|---|---|---|---|---|---|")
-    for key in dict.fromkeys(row["key"] for row in found["points"]):
-        rows = [row for row in found["points"] if row["key"] == key]
-        bar = next((row for row in rows if row["tool"] == "cycles" and row["effort"] == BAR), None)
-        if bar is None:
-            continue
-        maps, traced = (time_at([row for row in rows if row["tool"] == tool], bar["rmse"]) for tool in ("gl", "ray"))
-        most = max(row["megabytes"] for row in rows if row["tool"] == "gl" and row["seconds"] < LONG)
-        mesh, shading = key.split("/")
-        lines.append(
-            f"| {mesh} | {shading} | {bar['rmse']:.4f} | {bar['seconds']:.1f} s | {maps:.2f} s | "
-            f"{bar['seconds'] / maps:.1f} | {traced:.1f} s | {most:.0f} MB, Cycles {bar['megabytes']:.0f} MB |"
-        )
-    return lines
-
-
-def time_at(rows: list[dict[str, object]], error: float) -> float:
-    """Return the seconds at which an error is reached, between the two nearest of the rows; nan beyond them."""
-    rows = sorted(rows, key=lambda row: row["rmse"])
-    for low, high in itertools.pairwise(rows):
-        if low["rmse"] <= error <= high["rmse"]:
-            share = math.log(error / low["rmse"]) / math.log(high["rmse"] / low["rmse"])
-            return low["seconds"] ** (1 - share) * high["seconds"] ** share
-    return math.nan
 
 
 def draw_charts(found: dict[str, list[dict[str, object]]]) -> None:

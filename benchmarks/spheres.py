@@ -1,6 +1,6 @@
 """Quality and speed of the sphere methods, compared with scikit-learn's KMeans and MorphIt.
 
-    python benchmarks/spheres.py [--peers PYTHON] [--only NAME ...] [--readme]
+    python benchmarks/spheres.py [--peers PYTHON] [--only NAME ...] [--tables]
 
 Measures the meshes of ../shared/meshes that exist, or else a generated torus, in four parts:
 
@@ -16,7 +16,7 @@ longest side of 0.2 and of 2, and the best of the three counts. A peer that is m
 
 --only takes names of parts, meshes, methods, numbers of spheres, or several with slashes between them, such as
 quality/bunny/100. Everything goes into benchmarks/results/spheres.json, in which such a run replaces only its own rows,
-and the tables (with --readme) between the marks in README.md.
+and with --tables the tables of the documentation are written (result_tables.py).
 """
 
 import argparse
@@ -32,7 +32,9 @@ from statistics import median
 from time import perf_counter
 
 import numpy as np
+import result_tables
 import trimesh
+from result_tables import METHODS, USUAL, Row
 
 from aoprecalc.io import load_scene
 from aoprecalc.options import SphereOptions
@@ -43,12 +45,9 @@ from aoprecalc.spheres.metrics import signed_distances
 from aoprecalc.spheres.sampling import NormalizedFrame, sample_points
 from aoprecalc.types import Scene
 
-Row = dict[str, object]
-
 ROOT = Path(__file__).resolve().parents[1]
 MESHES = ROOT.parent / "shared" / "meshes"
 RESULTS = ROOT / "benchmarks" / "results" / "spheres.json"
-MARKS = "<!-- spheres: made by benchmarks/spheres.py -->", "<!-- end of spheres -->"
 
 # name, mesh, numbers of spheres
 CASES = [
@@ -57,9 +56,7 @@ CASES = [
     ("ogre", "jerry_ogre/bs_rest.obj", (100,)),
     ("fruit fly", "fruitfly_assembled_welded.ply", (100, 200)),
 ]
-METHODS = ("lloyd", "algebraic", "shadow", "collision", "MorphIt-B")
 MEASURES = ("silhouette_iou", "silhouette_iou_min", "leak", "spill", "surface_error_mean")
-USUAL = 100  # spheres, where only one number of them is measured or told
 SCALES = (1.0, 1e-3, 1e3)
 SIZES = (None, 0.2, 2.0)  # longest sides at which MorphIt gets a mesh; None: its own
 FRESH, FRESH_SEED = 50_000, 12_345  # samples that no fit uses
@@ -85,7 +82,7 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", default=(), metavar="NAME", help="parts, meshes, methods, or part/mesh/..."
     )
-    parser.add_argument("--readme", action="store_true", help="write the tables into README.md")
+    parser.add_argument("--tables", action="store_true", help="write the tables of the documentation")
     given = parser.parse_args()
     scenes: dict[str, Scene] = {}
     for key, name, path, work in plan(given.peers):
@@ -101,13 +98,8 @@ def main() -> None:
         write(row)
         numbers = "  ".join(f"{what} {value:.4g}" for what, value in row.items() if isinstance(value, float))
         print(f"{key:32} {numbers}", flush=True)
-    lines = tables(json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else [])
-    print("\n".join(["", *lines]))
-    if given.readme:
-        readme = ROOT / "README.md"
-        before, _, rest = readme.read_text().partition(MARKS[0])
-        text = "\n".join(lines)
-        readme.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{rest.partition(MARKS[1])[2]}")
+    if given.tables:
+        result_tables.main()
 
 
 class PeerMissing(Exception):  # noqa: N818
@@ -237,70 +229,6 @@ def write(row: Row) -> None:
     machine = {"machine": platform.platform(), "cores": os.cpu_count()}
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps(machine | {"rows": rows}, indent=2) + "\n")
-
-
-def tables(rows: list[Row]) -> list[str]:
-    """Format the rows as Markdown tables: quality, silhouettes by count, speed of Lloyd's algorithm, containment."""
-    parts = {part: [row for row in rows if row["key"].split("/")[0] == part] for part in ("quality", "kmeans")}
-    parts["collision"] = [row for row in rows if row["key"].startswith("collision/")]
-    return [
-        *qualities(parts["quality"]),
-        "",
-        *by_number(parts["quality"]),
-        "",
-        *speeds(parts["kmeans"]),
-        "",
-    ] + containment(parts["collision"])
-
-
-def qualities(rows: list[Row]) -> list[str]:
-    """Lay out all measures at the usual number of spheres."""
-    lines = ["| mesh | 100 spheres by | seconds | silhouette IoU | worst view | leak | spill | surface error |"]
-    lines.append("|---|---|---|---|---|---|---|---|")
-    for row in rows:
-        if row["spheres"] != USUAL:
-            continue
-        tool = row["method"] if row["made"] == USUAL else f"{row['method']} ({row['made']} spheres)"
-        numbers = " | ".join(f"{row[what]:.3f}" for what in MEASURES[:-1])
-        lines.append(f"| {row['mesh']} | {tool} | {row['seconds']:.1f} | {numbers} | {row['surface_error_mean']:.4f} |")
-    return lines
-
-
-def by_number(rows: list[Row]) -> list[str]:
-    """Lay out the silhouettes of each method for meshes and numbers of spheres."""
-    lines = [f"| silhouette IoU of | spheres | {' | '.join(METHODS)} |", "|---|---|" + "---|" * len(METHODS)]
-    found = {(row["mesh"], row["spheres"], row["method"]): f"{row['silhouette_iou']:.3f}" for row in rows}
-    for mesh, count in dict.fromkeys((row["mesh"], row["spheres"]) for row in rows):
-        cells = " | ".join(found.get((mesh, count, method), "") for method in METHODS)
-        lines.append(f"| {mesh} | {count} | {cells} |")
-    return lines
-
-
-def speeds(rows: list[Row]) -> list[str]:
-    """Lay out Lloyd's iteration beside scikit-learn's."""
-    lines = ["| Lloyd's iteration | iterations | seconds | scikit-learn | times faster | inertia apart |"]
-    lines.append("|---|---|---|---|---|---|")
-    for row in rows:
-        iterations, apart = row["iterations"], abs(row["inertia"] / row["their_inertia"] - 1)
-        if row["their_iterations"] != iterations:
-            iterations = f"{iterations}, {row['their_iterations']}"
-        lines.append(
-            f"| {row['mesh']} | {iterations} | {row['seconds']:.2f} | {row['their_seconds']:.2f} | "
-            f"{row['ratio']:.1f} | {apart:.0e} |"
-        )
-    return lines
-
-
-def containment(rows: list[Row]) -> list[str]:
-    """Lay out what collision spheres hold, and spill, beside Lloyd's with radius cover."""
-    lines = [
-        "| fresh samples held to 0.1% of the diagonal | collision | lloyd, cover | spill: collision | lloyd, cover |",
-        "|---|---|---|---|---|",
-    ]
-    for row in rows:
-        held = " | ".join(f"{100 * row[what]:.2f}%" for what in ("held", "cover_held"))
-        lines.append(f"| {row['mesh']} | {held} | {row['spill']:.3f} | {row['cover_spill']:.3f} |")
-    return lines
 
 
 if __name__ == "__main__":
