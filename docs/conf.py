@@ -13,7 +13,9 @@ copyright = author
 version = release = aoprecalc.__version__
 
 extensions = [
+    "extensions.commands",
     "extensions.mathml",
+    "extensions.schemas",
     "myst_parser",
     "numpydoc",
     "sphinx.ext.autodoc",
@@ -22,6 +24,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "extensions", "pictures", "shaders"]
 nitpicky = True
+smartquotes = False  # leaves --size as it is
 
 # Markdown
 myst_enable_extensions = ["attrs_block", "attrs_inline", "colon_fence", "deflist", "dollarmath"]
