@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+import numpydoc.xref
+
 import aoprecalc
 
 sys.path.insert(0, str(Path(__file__).parent))  # for extensions/
@@ -15,6 +17,7 @@ version = release = aoprecalc.__version__
 extensions = [
     "extensions.commands",
     "extensions.mathml",
+    "extensions.names",
     "extensions.schemas",
     "myst_parser",
     "numpydoc",
@@ -33,7 +36,12 @@ myst_heading_anchors = 4  # a link such as page.md#a-heading works
 # Docstrings
 autodoc_typehints = "none"  # the NumPy sections have the types
 autodoc_member_order = "bysource"
+default_role = "name"
 numpydoc_show_class_members = False
+numpydoc.xref.DEFAULT_LINKS.clear()  # they lead to other sites
+numpydoc_xref_param_type = True  # types are links, if they are public names
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {name: f"aoprecalc.{name}" for name in aoprecalc.__all__}
 
 # Pages
 html_theme = "furo"

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Iterator
 from importlib.resources import files
 from itertools import groupby
 from typing import Any
@@ -67,7 +66,8 @@ def table(definition: Schema) -> str:
 def report(name: str, shown: set[str]) -> str:
     """Return all tables of a document, in Markdown, except for those of parts that are shown above."""
     schema = read(name)
-    texts = [f"{_in_code(schema['description'])}\n\n{table(schema)}"]
+    link = f"{{download}}`{name}.schema.json </../src/aoprecalc/schemas/{name}.schema.json>`"
+    texts = [f"{_in_code(schema['description'])} Schema: {link}\n\n{table(schema)}"]
     for part, definition in schema.get("$defs", {}).items():
         if part not in shown:
             texts.append(f"({part.lower()})=\n**{part}**: {_in_code(definition['description'])}\n\n{table(definition)}")
@@ -85,7 +85,9 @@ def _in_code(text: str) -> str:
 def keys(table_name: str) -> str:
     """Return the table of the keys of `[bake]` or `[spheres]`, in Markdown; what they mean is said with the options."""
     definition = read("manifest")["$defs"][{"bake": "BakeTable", "spheres": "SphereTable"}[table_name]]
-    options = {field.name: field for field in option_fields({"bake": BakeOptions, "spheres": SphereOptions}[table_name])}
+    options = {
+        field.name: field for field in option_fields({"bake": BakeOptions, "spheres": SphereOptions}[table_name])
+    }
     rows = []
     for key, value in definition["properties"].items():
         field = options.get(key.replace("-", "_"))
