@@ -82,6 +82,9 @@ def _in_code(text: str) -> str:
 # Manifests.
 
 
+TABLES = {"bake": ("BakeTable", BakeOptions), "spheres": ("SphereTable", SphereOptions)}
+
+
 def keys(table_name: str) -> str:
     """Return the table of the keys of `[bake]` or `[spheres]`, in Markdown; what they mean is said with the options."""
     definition = read("manifest")["$defs"][{"bake": "BakeTable", "spheres": "SphereTable"}[table_name]]
