@@ -1,7 +1,7 @@
 # make demo    bake an example, fit spheres to it, and say where the pictures are
 # make test    run the quick tests: every command, backend and format
 # make test-all    run every test; make test-slow: those that make test leaves out
-# make lint    ruff and mypy
+# make lint    ruff, mypy and codespell
 # make docs    build the documentation site, docs/_build/html; make docs-serve: show it at http://localhost:8000
 # make bench   measure speed and memory
 # All of them need `make setup` only once; it comes by itself.
@@ -48,10 +48,11 @@ lint: $(SETUP)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/codespell
 
 docs: $(SETUP)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
-	$(BIN)/sphinx-build -n -W --keep-going -q -b html docs docs/_build/html
+	$(BIN)/sphinx-build -E -n -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
 docs-serve: docs
