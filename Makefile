@@ -3,6 +3,7 @@
 # make test-all    run every test; make test-slow: those that make test leaves out
 # make lint    ruff, mypy and codespell
 # make docs    build the documentation site, docs/_build/html; make docs-serve: show it at http://localhost:8000
+# make dist    build the wheel and the source archive in dist/, and check them
 # make bench   measure speed and memory
 # All of them need `make setup` only once; it comes by itself.
 
@@ -11,7 +12,7 @@ BIN := .venv/bin
 SETUP := .venv/.setup
 PYTEST = $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
-.PHONY: setup demo test test-slow test-all lint docs docs-serve docs-linkcheck bench clean
+.PHONY: setup demo test test-slow test-all lint docs docs-serve docs-linkcheck dist bench clean
 
 setup: $(SETUP)
 
@@ -60,6 +61,14 @@ docs-serve: docs
 
 docs-linkcheck: docs
 	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/linkcheck
+
+dist: $(SETUP)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dist]'
+	rm -rf dist
+	$(BIN)/python -m build --quiet
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
+	@ls -l dist
 
 bench: $(SETUP)
 	$(BIN)/python benchmarks/speed.py

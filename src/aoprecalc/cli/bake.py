@@ -5,12 +5,12 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
 from aoprecalc.options import BakeOptions
 
 
 @click.command(cls=Command, short_help="Bake an ambient-occlusion texture.")
-@click.argument("mesh")
+@click.argument("mesh", type=FILE)
 @option(
     "-o",
     "--output",

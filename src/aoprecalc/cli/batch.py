@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.console import annotate
-from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, options_of, output_options, take
+from aoprecalc.cli.options import DEFAULT_CACHE, FILE, Command, option, options_of, output_options, take
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import AnswerError, StoppedError, UsageError
 from aoprecalc.options import BatchOptions
@@ -39,7 +39,7 @@ class _BatchCommand(Command):
 
 
 @click.command(cls=_BatchCommand, short_help="Bake and fit many meshes, each only when it has changed.")
-@click.argument("patterns", nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
+@click.argument("patterns", type=FILE, nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
 @option("-o", "--output", metavar="DIR", group="Output", shown="the manifest's", help="The folder for the results.")
 @option(
     "--bake",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError
 from aoprecalc.options import CompareOptions
 
@@ -21,8 +21,8 @@ _MEANINGS = {
 
 
 @click.command(cls=Command, short_help="Compare two textures, meshes, sphere sets or reports.")
-@click.argument("a")
-@click.argument("b")
+@click.argument("a", type=FILE)
+@click.argument("b", type=FILE)
 @option(
     "--picture",
     metavar="FILE",

@@ -14,6 +14,7 @@ from aoprecalc.cli.bake import bake
 from aoprecalc.cli.batch import batch
 from aoprecalc.cli.cache import cache
 from aoprecalc.cli.compare import compare
+from aoprecalc.cli.completion import VARIABLE, completion
 from aoprecalc.cli.console import annotate
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.spheres import spheres
@@ -33,6 +34,7 @@ class _Group(click.Group):
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; always ends the process."""
         kwargs["standalone_mode"] = False
+        kwargs["complete_var"] = VARIABLE
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):  # file names may be invalid text
                 stream.reconfigure(errors="backslashreplace")
@@ -58,13 +60,33 @@ class _Group(click.Group):
             _fail(f"{type(error).__name__}: {error}; this is a fault of aoprecalc, -v shows where", 1, error)
 
 
+def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    """Print the version of aoprecalc, and of what its results depend on, without importing any of it."""
+    if not wanted or ctx.resilient_parsing:
+        return
+    from aoprecalc.system import LIBRARIES, machine, versions
+
+    facts = machine()
+    lines = [f"aoprecalc {__version__}", f"Python {facts['python']}, {facts['platform']}"]
+    lines += [f"{name} {version or 'is not installed'}" for name, version in versions(LIBRARIES).items()]
+    click.echo("\n".join(lines))
+    ctx.exit()
+
+
 @click.group(
     cls=_Group,
     epilog=EPILOG,
     no_args_is_help=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(__version__, "--version", prog_name="aoprecalc")
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_print_versions,
+    help="Print the versions of aoprecalc and of what it uses, and exit.",
+)
 def main() -> None:
     """Precompute ambient-occlusion textures and shadow-casting spheres for triangle meshes.
 
@@ -72,7 +94,7 @@ def main() -> None:
     """
 
 
-for command in (bake, batch, cache, spheres, verify, compare, doctor):
+for command in (bake, batch, cache, spheres, verify, compare, doctor, completion):
     main.add_command(command)
 
 

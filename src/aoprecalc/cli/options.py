@@ -2,10 +2,11 @@
 
 import re
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import click
 from click.core import ParameterSource
+from click.shell_completion import CompletionItem
 
 from aoprecalc.errors import ArgumentError, option_name
 from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
@@ -21,6 +22,22 @@ Declared = TypeVar("Declared", bound=Callable[..., Any])
 Options = TypeVar("Options")
 
 
+class PathType(click.types.StringParamType):
+    """The path of a file or a folder, which shells complete; it stays a text."""
+
+    def __init__(self, kind: Literal["file", "dir"]) -> None:
+        """Complete files or folders."""
+        self._kind = kind
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Have the shell complete the path."""
+        return [CompletionItem(incomplete, type=self._kind)]
+
+
+FILE = PathType("file")
+_PATHS = {"PATH": FILE, "FILE": FILE, "DIR": PathType("dir")}  # the type of an option by its metavar
+
+
 class CliOption(click.Option):
     """An option with a group in `--help` and a longer text in the README.
 
@@ -31,6 +48,7 @@ class CliOption(click.Option):
 
     def __init__(self, *names: Any, group: str = "", more: str = "", shown: str = "", **given: Any) -> None:
         """Declare an option as click does."""
+        given.setdefault("type", _PATHS.get(given.get("metavar") or ""))
         super().__init__(*names, **given)
         self.group, self.more, self.shown = group, more, shown
 

@@ -6,13 +6,13 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
 from aoprecalc.errors import UsageError, option_name
 from aoprecalc.options import SphereOptions
 
 
 @click.command(cls=Command, short_help="Fit spheres that stand in for a mesh.")
-@click.argument("mesh")
+@click.argument("mesh", type=FILE)
 @option(
     "-o",
     "--output",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError
 from aoprecalc.options import VerifyOptions
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command, short_help="Measure an ambient-occlusion texture against ray tracing.")
-@click.argument("mesh")
+@click.argument("mesh", type=FILE)
 @option(
     "--texture",
     metavar="PATH",
