@@ -15,6 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.options import ValueOptions
+
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
@@ -243,6 +245,7 @@ class Baked:
     backend         gl or ray
     renderer        name of the OpenGL renderer, or of the ray tracer
     shadow_size     side of the depth maps in texels; None without maps
+    options         those that define the value, as they were used: the axis that points up, the crease angle of STL
     warnings        lines for the user about the result
     """
 
@@ -256,6 +259,7 @@ class Baked:
     backend: str
     renderer: str
     shadow_size: int | None
+    options: ValueOptions
     warnings: tuple[str, ...] = ()
 
 

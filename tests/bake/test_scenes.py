@@ -114,7 +114,7 @@ def test_a_ball_in_a_box_with_holes_sees_as_much_as_the_holes_let_through(backen
     assert abs(values(baked).mean() - 0.75) < 0.02
     asked = VerifyOptions(rays=1024, occluders_only=options["occluders_only"])
     found, points = on_part(baked, 0)
-    truth = reference_ao(assign_roles(made, asked), baked.normals, points, asked, Progress())
+    truth = reference_ao(assign_roles(made, asked.value_options()), baked.normals, points, asked, Progress())
     assert np.abs(found - truth).mean() < 0.012
 
 
@@ -131,7 +131,7 @@ def test_only_leafy_parts_have_the_lighter_of_their_sides(backend):
     asked = VerifyOptions(rays=256, occluders_only=("part 2", "part 3"))
     for number, values_there in ((0, plain), (1, foliage)):
         points = on_part(baked, number)[1]
-        truth = reference_ao(assign_roles(made, asked), baked.normals, points, asked, Progress())
+        truth = reference_ao(assign_roles(made, asked.value_options()), baked.normals, points, asked, Progress())
         assert np.abs(truth - values_there).max() < 0.05
 
 
@@ -158,11 +158,11 @@ def test_the_reference_knows_glass_floors_and_what_is_excluded(backend):
     baked = bake(made, backend, width=256, height=256, directions=512, **options)
     found, points = on_part(baked, 0, 1000)
     asked = VerifyOptions(rays=1024, **options)
-    truth = reference_ao(assign_roles(made, asked), baked.normals, points, asked, Progress())
+    truth = reference_ao(assign_roles(made, asked.value_options()), baked.normals, points, asked, Progress())
     assert np.sqrt(((found - truth) ** 2).mean()) < 0.012
     for other in ({}, {"ground": True}, {"exclude": ("part 2",)}, {**options, "glass_occludes": True}):
         wrong = VerifyOptions(rays=256, **other)
-        truth = reference_ao(assign_roles(made, wrong), baked.normals, points, wrong, Progress())
+        truth = reference_ao(assign_roles(made, wrong.value_options()), baked.normals, points, wrong, Progress())
         assert np.sqrt(((found - truth) ** 2).mean()) > 0.03
 
 

@@ -17,7 +17,9 @@ from shapes import ball, disc, join, scene, torus
 
 def values(made, points, normals="smooth", **options):
     given = VerifyOptions(**{"rays": 2304, **options})
-    return reference_ao(assign_roles(made, given), shading_normals(made, normals), points, given, Progress())
+    value = given.value_options()
+    shading = shading_normals(made, normals)
+    return reference_ao(assign_roles(made, value), shading, points, given, Progress(), value.estimator)
 
 
 def spread(made, count=200):
@@ -110,7 +112,9 @@ def test_points_done_are_counted():
 
     counter, made = Counter(), scene(*ball(1))
     options = VerifyOptions(rays=10_000, two_sided=True)
-    reference_ao(assign_roles(made, options), shading_normals(made), spread(made, 321), options, counter)
+    reference_ao(
+        assign_roles(made, options.value_options()), shading_normals(made), spread(made, 321), options, counter
+    )
     assert counter.done == 321
 
 

@@ -20,6 +20,7 @@ from aoprecalc.io import (
     write_baked_mesh,
     write_image,
 )
+from aoprecalc.io.baked_options import options_text
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.metrics.errors import TextureErrors
@@ -172,7 +173,7 @@ def bake(
     for line in warnings:
         progress.warn(line)
     ao = baked.texture.values
-    textured = BakedMesh.of(mesh, baked.scene, output_uvs(baked.scene, baked.atlas), baked.normals, ao)
+    textured = BakedMesh.of(mesh, baked, output_uvs(baked.scene, baked.atlas))
     return BakeResult(ao, baked.texture.valid, textured, report, baked, options)
 
 
@@ -273,9 +274,17 @@ class _FilePlan:
         """Write the texture and the mesh; return their paths and warnings."""
         suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
         path = self._mesh_path(suffix)
-        write_image(outputs.path(self.texture), baked.texture.values, self._options.bit_depth)
+        text = options_text(baked.options)
+        write_image(outputs.path(self.texture), baked.texture.values, self._options.bit_depth, text)
         notes = write_baked_mesh(
-            outputs, path, baked.scene, baked.atlas, baked.normals, self.texture, pack=self._options.pack
+            outputs,
+            path,
+            baked.scene,
+            baked.atlas,
+            baked.normals,
+            self.texture,
+            pack=self._options.pack,
+            options=baked.options,
         )
         return BakeFiles(self.texture, path), (*notes, *((reason,) if reason and self._mesh_output is None else ()))
 
@@ -297,9 +306,11 @@ def _measure(
     baked: Baked, texture: Float32Array, options: BakeOptions, progress: Progress, timer: StageTimer
 ) -> TextureErrors:
     """Measure a texture of the bake against ray tracing."""
-    how = VerifyOptions(estimator=options.estimator, threads=options.threads)
+    how = VerifyOptions(threads=options.threads)
     with timer.stage("verify", how.points, "points"):
-        return measure_texture(baked.scene, baked.atlas, baked.normals, texture, how, progress)
+        return measure_texture(
+            baked.scene, baked.atlas, baked.normals, texture, how, progress, estimator=options.estimator
+        )
 
 
 def _warn_of_shared_uvs(baked: Baked) -> tuple[str, ...]:

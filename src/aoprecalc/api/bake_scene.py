@@ -16,11 +16,12 @@ from aoprecalc.api.reports import (
     UvSetCheck,
 )
 from aoprecalc.errors import InputError, UsageError
-from aoprecalc.mesh.normals import area_vectors, geometric_normals, shading_normals
-from aoprecalc.mesh.roles import assign_roles
+from aoprecalc.mesh.normals import area_vectors, default_crease_angle, geometric_normals, shading_normals
+from aoprecalc.mesh.roles import assign_roles, up_axis
 from aoprecalc.mesh.topology import topology
 from aoprecalc.metrics.errors import TextureErrors
-from aoprecalc.options import BakeOptions
+from aoprecalc.options import BakeOptions, ValueOptions
+from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
@@ -104,8 +105,22 @@ def bake_scene(
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
+        options=_value_options(scene, options),
     )
     return replace(baked, warnings=_warnings(baked, options, overlap))
+
+
+def _value_options(scene: Scene, options: BakeOptions) -> ValueOptions:
+    """Return the options that define the value, also for copies of the mesh in other formats.
+
+    So the axis that points up from the ground is named, and the crease angle of STL.
+    """
+    value = ValueOptions(**{field.name: getattr(options, field.name) for field in option_fields(ValueOptions)})
+    if value.ground:
+        value = replace(value, up=up_axis(scene, options))
+    if value.crease_angle is None and scene.format == "stl":
+        value = replace(value, crease_angle=default_crease_angle(scene))
+    return value
 
 
 def _gather_side(
@@ -242,8 +257,7 @@ def bake_report(
         directions=baked.directions,
         estimated_error=None if baked.sampling_error is None else round(baked.sampling_error, 6),
         sampling=options.sampling,
-        estimator=options.estimator,
-        two_sided=options.two_sided,
+        options=baked.options,
         floor=scene.ground_normal,
         shadow_size=baked.shadow_size,
         unwrap=Unwrapping(

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from aoprecalc.errors import AoprecalcError, ArgumentError
 from aoprecalc.io import load_scene, scene_from_arrays, texture_values
 from aoprecalc.mesh.topology import corners_to_vertices
-from aoprecalc.types import Float32Array, Float64Array, Int32Array, Scene
+from aoprecalc.options import ValueOptions
+from aoprecalc.types import Baked, Float32Array, Float64Array, Int32Array, Scene
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -77,6 +78,7 @@ class Mesh:
     name: str
     ao: Float32Array | None
     _scene: Scene = field(repr=False)
+    _options: ValueOptions | None = field(repr=False)  # those of the bake of `ao`
 
     def __init__(
         self,
@@ -94,13 +96,27 @@ class Mesh:
         self._set(scene, np.array(vertices, np.float64), np.array(faces, np.int32), name)
 
     @classmethod
-    def _of(cls, scene: Scene, vertices: Float64Array, faces: Int32Array, name: str, ao: Float32Array | None) -> Self:
+    def _of(
+        cls,
+        scene: Scene,
+        vertices: Float64Array,
+        faces: Int32Array,
+        name: str,
+        ao: Float32Array | None = None,
+        options: ValueOptions | None = None,
+    ) -> Self:
         mesh = cls.__new__(cls)
-        mesh._set(scene, vertices, faces, name, ao)
+        mesh._set(scene, vertices, faces, name, ao, options)
         return mesh
 
     def _set(
-        self, scene: Scene, vertices: Float64Array, faces: Int32Array, name: str, ao: Float32Array | None = None
+        self,
+        scene: Scene,
+        vertices: Float64Array,
+        faces: Int32Array,
+        name: str,
+        ao: Float32Array | None = None,
+        options: ValueOptions | None = None,
     ) -> None:
         arrays: dict[str, NDArray[Any] | None]
         arrays = {"vertices": vertices, "faces": faces, "normals": scene.normals, "uvs": scene.uvs, "ao": ao}
@@ -108,6 +124,7 @@ class Mesh:
             object.__setattr__(self, attribute, None if array is None else _read_only(array))
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "_scene", scene)
+        object.__setattr__(self, "_options", options)
 
     def __repr__(self) -> str:
         """Name and size."""
@@ -198,13 +215,21 @@ class BakedMesh(Mesh):
     ao: Float32Array
 
     @classmethod
-    def of(cls, mesh: Mesh, scene: Scene, uvs: Float64Array, normals: Float32Array, ao: Float32Array) -> Self:
-        """Return a mesh with the texture, its UVs and the normals that were used, without the rest of its file.
+    def of(cls, mesh: Mesh, baked: Baked, uvs: Float64Array) -> Self:
+        """Return a mesh with the texture of its bake and the normals that were used, without the rest of its file.
 
-        scene   of the mesh, with the roles of its parts
+        uvs   (f, 3, 2) float64: those of the texture
         """
-        own = replace(scene, format="", uv_sets=(uvs,), normals=normals, document=None, warnings=(), ground_normal=None)
-        return cls._of(own, mesh.vertices, mesh.faces, mesh.name, ao)
+        own = replace(
+            baked.scene,
+            format="",
+            uv_sets=(uvs,),
+            normals=baked.normals,
+            document=None,
+            warnings=(),
+            ground_normal=None,
+        )
+        return cls._of(own, mesh.vertices, mesh.faces, mesh.name, baked.texture.values, baked.options)
 
 
 def load(path: str | PathLike[str]) -> Mesh:
@@ -231,7 +256,7 @@ def load(path: str | PathLike[str]) -> Mesh:
     if not isinstance(path, str | PathLike):
         raise ArgumentError("path", f"is of type {type(path).__name__}, the path of a mesh file was expected")
     scene = load_scene(path)
-    return Mesh._of(scene, scene.positions, scene.faces, scene.path.stem, None)
+    return Mesh._of(scene, scene.positions, scene.faces, scene.path.stem)
 
 
 def as_mesh(mesh: MeshLike) -> Mesh:

@@ -9,6 +9,7 @@ from typing import Any
 from aoprecalc import __version__
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.metrics.errors import TextureErrors
+from aoprecalc.options import ValueOptions
 
 OMIT_NONE = {"omit_none": True}  # metadata of a field that the document lacks where it is None
 
@@ -36,6 +37,8 @@ class Report:
 def _plain(value: Any) -> Any:
     if isinstance(value, Report):
         return value.to_dict()
+    if isinstance(value, ValueOptions):
+        return _plain(asdict(value))
     if isinstance(value, tuple | list):
         return [_plain(entry) for entry in value]
     if isinstance(value, dict):
@@ -213,8 +216,9 @@ class BakeReport(Document):
         Light directions used.
     estimated_error : float or None
         Estimated RMS sampling error of a texel, in units of ambient occlusion; None up to 128 directions.
-    sampling, estimator, two_sided
-        As in `BakeOptions`.
+    sampling : {"fibonacci", "random"}
+    options : ValueOptions
+        The options that define the value.
     floor : tuple of float or None
         Unit vector away from the ground plane.
     shadow_size : int or None
@@ -237,8 +241,7 @@ class BakeReport(Document):
     directions: int
     estimated_error: float | None
     sampling: str
-    estimator: str
-    two_sided: bool
+    options: ValueOptions
     floor: tuple[float, float, float] | None
     shadow_size: int | None
     unwrap: Unwrapping

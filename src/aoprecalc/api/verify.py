@@ -1,5 +1,6 @@
 """Verify: the error of an ambient-occlusion texture against ray tracing, as a renderer would show it."""
 
+import shlex
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -9,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
-from aoprecalc.errors import ArgumentError, InputError
+from aoprecalc.api.textured_surface import TexturedSurface
+from aoprecalc.errors import ArgumentError
 from aoprecalc.io import (
     OcclusionTexture,
     Outputs,
@@ -20,15 +22,14 @@ from aoprecalc.io import (
     write_colors,
 )
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
-from aoprecalc.mesh.normals import face_normals, shading_normals
-from aoprecalc.mesh.roles import assign_roles
+from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
 from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
-from aoprecalc.options import VerifyOptions
+from aoprecalc.options import Estimator, ValueOptions, VerifyOptions
 from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.layout import atlas_from_uvs, build_layout
+from aoprecalc.raster.layout import build_layout
 from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
@@ -71,8 +72,12 @@ class VerifyReport(Document):
     input : VerifiedMesh
     texture : VerifiedTexture
     outputs : VerifyOutputs
-    seed, estimator, two_sided
+    seed : int
         As in `VerifyOptions`.
+    options : ValueOptions
+        What the texture was held to: the options that were given, else those of its bake, else the defaults.
+    options_from : str or None
+        The picture, or the mesh around it, that told the options of the bake; None where nothing did.
     points, rays : int
         Points on the surface, and rays from each.
     levels : tuple of LevelErrors
@@ -93,8 +98,8 @@ class VerifyReport(Document):
     texture: VerifiedTexture
     outputs: VerifyOutputs
     seed: int
-    estimator: str
-    two_sided: bool
+    options: ValueOptions
+    options_from: str | None
     points: int
     rays: int
     levels: tuple[LevelErrors, ...]
@@ -132,7 +137,8 @@ def verify(
         their whole range. By default the mesh's own (see `Mesh.ao`), the picture that its file refers to, or
         ``<stem>.png`` beside the file.
     options : VerifyOptions, optional
-        Number of points and rays, the greatest error that passes, and so on.
+        Number of points and rays, the greatest error that passes, and so on. What is not given of the options that
+        define the value is as in the bake, if the texture or the glTF file around it says so.
     heat_map : str or path-like, optional
         A picture file (or a folder) for the errors in texture space: blue is too dark, red too bright.
     report : str or path-like, optional
@@ -170,28 +176,36 @@ def verify(
     with Outputs() as outputs:
         with timer.stage("load"):
             mesh = as_mesh(mesh)
-            scene = assign_roles(mesh._scene, options)
-            picture = _read_texture(mesh, scene, texture)
-        outputs.protect([*source_files(scene), *([] if picture.path is None else [picture.path])])
+            surface = TexturedSurface.of(mesh._scene, _read_texture(mesh, texture), options)
+        picture = surface.picture
+        if surface.taken:
+            progress.note(f"as baked, by {picture.name}: {shlex.join(surface.taken)}")
+        outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
         for key, path in paths.items():
             claim_output(outputs, wanted[key][0], path)
-        atlas, left_out = _atlas(scene, picture)
-        normals = shading_normals(scene, options.normals, options.crease_angle)
+        normals = shading_normals(surface.scene, surface.options.normals, surface.options.crease_angle)
         with timer.stage("rays", options.points, "points"):
-            verified = measure_texture(scene, atlas, normals, picture.values, options, progress)
+            verified = measure_texture(
+                surface.scene,
+                surface.atlas,
+                normals,
+                picture.values,
+                options,
+                progress,
+                estimator=surface.options.estimator,
+            )
         if "heat_map" in paths:
             with timer.stage("heat map"):
-                _write_heat_map(outputs.path(paths["heat_map"]), scene, atlas, picture, verified)
+                _write_heat_map(outputs.path(paths["heat_map"]), surface, verified)
         document = replace(
-            _report(scene, atlas, picture, verified, options),
+            _report(surface, verified, options),
             outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),
             seconds=timer.seconds(),
             warnings=(
-                *scene.warnings,
-                *picture.warnings,
-                *left_out,
+                *surface.scene.warnings,
+                *surface.warnings,
                 *_warn_of_rays(options),
-                *warn_of_shared_uvs(scene),
+                *warn_of_shared_uvs(surface.scene),
             ),
         )
         if "report" in paths:
@@ -202,7 +216,14 @@ def verify(
 
 
 def measure_texture(
-    scene: Scene, atlas: Atlas, normals: Float32Array, texture: Float32Array, options: VerifyOptions, progress: Progress
+    scene: Scene,
+    atlas: Atlas,
+    normals: Float32Array,
+    texture: Float32Array,
+    options: VerifyOptions,
+    progress: Progress,
+    *,
+    estimator: Estimator,
 ) -> TextureErrors:
     """Measure a texture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
@@ -212,7 +233,7 @@ def measure_texture(
     Raises RendererError where rays cannot be cast.
     """
     points = sample_surface(scene, atlas.mapped, options.points, options.seed)
-    expected = reference_ao(scene, normals, points, options, progress)
+    expected = reference_ao(scene, normals, points, options, progress, estimator)
     uvs, positions = points.interpolate(atlas.uvs), points.interpolate(scene.corners)
     values = bilinear(texture, uvs, repeats=atlas.repeats)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))
@@ -225,39 +246,25 @@ def measure_texture(
     )
 
 
-def _read_texture(mesh: Mesh, scene: Scene, texture: str | PathLike[str] | ArrayLike | None) -> OcclusionTexture:
-    """Return the texture to measure with its UVs."""
+def _read_texture(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -> OcclusionTexture:
+    """Return the texture to measure, with its UVs and the options of its bake."""
+    scene = mesh._scene
     if isinstance(texture, str | PathLike):
         return find_occlusion(scene, Path(texture))
-    if texture is not None or mesh.ao is not None:
-        return find_occlusion(scene, mesh.ao if texture is None else texture_values("texture", texture))
+    if texture is not None:
+        return find_occlusion(scene, texture_values("texture", texture))
+    if mesh.ao is not None:
+        return replace(find_occlusion(scene, mesh.ao), options=mesh._options)
     if not scene.format:
         raise ArgumentError("texture", "is None and the mesh is not from a file; expected an array or a path")
     return find_occlusion(scene)
 
 
-def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, list[str]]:
-    """Return the UVs with the faces that they map, and warnings about the others.
-
-    A face whose corners share one UV is not mapped: files without UVs for some faces have (0, 0) there.
-    """
-    has_area = face_normals(scene.corners)[1]
-    has_uvs = np.isfinite(picture.uvs).all(axis=(1, 2)) & (picture.uvs != picture.uvs[:, :1]).any(axis=(1, 2))
-    mapped = picture.shown & scene.receives & has_area & has_uvs
-    if not mapped.any():
-        raise InputError(
-            f"{scene.path}: none of its {len(scene.faces)} faces has area and UVs in {picture.name}; "
-            "bake it, or export it with UVs"
-        )
-    without = np.count_nonzero(picture.shown & scene.receives & has_area & ~has_uvs)
-    warnings = [f"{without} of {len(scene.faces)} faces have no UVs in the texture and are left out"] if without else []
-    return atlas_from_uvs(scene, picture.uvs, mapped), warnings
-
-
-def _write_heat_map(path: Path, scene: Scene, atlas: Atlas, picture: OcclusionTexture, verified: TextureErrors) -> None:
-    height, width = picture.values.shape
-    texels = CPURasterizer(build_layout(scene, atlas, *heat_map_size(width, height))).coverage()
-    write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=atlas.repeats))
+def _write_heat_map(path: Path, surface: TexturedSurface, verified: TextureErrors) -> None:
+    height, width = surface.picture.values.shape
+    layout = build_layout(surface.scene, surface.atlas, *heat_map_size(width, height))
+    texels = CPURasterizer(layout).coverage()
+    write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=surface.atlas.repeats))
 
 
 def warn_of_shared_uvs(scene: Scene) -> tuple[str, ...]:
@@ -275,10 +282,9 @@ def _warn_of_rays(options: VerifyOptions) -> list[str]:
     return [f"{rays} rays per point were cast instead of {options.rays}: their number is a square"]
 
 
-def _report(
-    scene: Scene, atlas: Atlas, picture: OcclusionTexture, verified: TextureErrors, options: VerifyOptions
-) -> VerifyReport:
+def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOptions) -> VerifyReport:
     """Return the report without outputs, seconds and warnings."""
+    scene, atlas, picture = surface.scene, surface.atlas, surface.picture
     height, width = picture.values.shape
     errors = RayTracedErrors.of(verified)
     mapped = int(np.count_nonzero(atlas.mapped))
@@ -287,8 +293,8 @@ def _report(
         texture=VerifiedTexture(picture.name, width, height, mapped, atlas.charts, repeats=atlas.repeats),
         outputs=VerifyOutputs(),
         seed=options.seed,
-        estimator=options.estimator,
-        two_sided=options.two_sided,
+        options=surface.options,
+        options_from=None if picture.options is None else picture.name,
         points=errors.points,
         rays=errors.rays,
         levels=errors.levels,

@@ -112,6 +112,8 @@ def take(kind: type[Options], given: dict[str, Any]) -> Options:
     values = {}
     for field in option_fields(kind):
         if field.name in given and (value := given.pop(field.name)) is not None:
+            if source(field.name) is ParameterSource.DEFAULT:
+                continue  # the class knows its defaults, among them "as baked", which click has no value for
             values[field.name] = value
             rival = field.option.instead_of
             if rival and source(field.name) is source(rival) is ParameterSource.COMMANDLINE:
@@ -141,11 +143,11 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
     about, name = field.option, option_name(field.name)
     given: dict[str, Any] = {"metavar": about.metavar or None}
     if field.kind == "flag":
-        given |= {"is_flag": True, "default": False}
+        given |= {"is_flag": True, "default": field.default}
         if about.off:
-            name, given["shown"] = f"{name}/{about.off}", about.off
+            name, given["shown"] = f"{name}/{about.off}", about.default_text or about.off
     elif field.kind == "names":
-        given |= {"multiple": True, "metavar": "NAME"}
+        given |= {"multiple": True, "metavar": "NAME", "shown": about.default_text}
     else:
         default = field.default if about.quantity is None else _written_default(field, about.quantity)
         given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 def verify(mesh: str, texture: str | None, **given: Any) -> None:
     """Measure the ambient-occlusion texture of MESH, baked by this or another program, against ray tracing.
 
-    The texture is sampled as a renderer does, at full resolution and in its mip levels.
+    The texture is sampled as a renderer does, at full resolution and in its mip levels. It is held to the options of
+    its bake, which this program keeps in the texture (not in .tga and .bmp) and in glTF; what else is given wins.
     """
     from aoprecalc.api.verify import verify
     from aoprecalc.io.outputs import json_text
@@ -48,9 +49,11 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     report = verify(mesh, texture, options, **outputs, progress=console)
     click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
     if not report.passed:
+        known = report.options_from is not None
+        advice = "" if known else ", or verify it with the --normals, --estimator, --two-sided and --ground of its bake"
         raise AnswerError(
             f"{report.texture.path}: its RMS error is {report.error:.5f}, at most {options.tolerance:g} was "
-            "allowed; bake it again, or verify it with the --normals, --estimator and --two-sided of its bake"
+            f"allowed; bake it again{advice}"
         )
 
 

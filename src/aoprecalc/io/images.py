@@ -1,10 +1,15 @@
 """Images, mostly of one linear channel, written and read through OpenImageIO.
 
 Integers are quantized here: floor(255 a + 0.5) in 8 bits, floor(65535 a + 0.5) in 16 bits, with a clamped to [0, 1].
+
+An image may carry one text of this program: PNG in a tEXt chunk, EXR in an attribute, both of the name _TEXT; TIFF and
+JPEG have it as their ImageDescription, after that name and a space. TGA and BMP carry none.
 """
 
 import tempfile
 import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -36,6 +41,11 @@ IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
 _DATED = (".exr", ".tif", ".tiff")
 _FIXED_DATE = "1970:01:01 00:00:00"
 
+MAX_TEXT = 16_384  # characters; JPEG holds fewer than 65,536 bytes
+
+_TEXT, _DESCRIPTION = "aoprecalc", "ImageDescription"
+_DESCRIBED = (".tif", ".tiff", ".jpg", ".jpeg")  # hold no attributes of other names
+
 _OIIO_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
 
@@ -59,22 +69,24 @@ def choose_bit_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
     return bit_depth
 
 
-def write_image(path: str | PathLike[str], values: Float32Array, bit_depth: BitDepth = "auto") -> None:
-    """Write an image in the format of the extension; equal values give equal bytes.
+def write_image(path: str | PathLike[str], values: Float32Array, bit_depth: BitDepth = "auto", text: str = "") -> None:
+    """Write an image in the format of the extension; equal values and texts give equal bytes.
 
     values   (height, width) or (height, width, channels) float32; row 0 is the top row
+    text     ASCII, at most MAX_TEXT characters, which `read_text` returns; left out where the format holds none
 
     Raises UsageError as `choose_bit_depth` does, and OutputError where it cannot be written.
     """
     depth = choose_bit_depth(path, bit_depth)
-    _write(path, np.atleast_3d(quantize(values, depth)), depth, space="data")  # otherwise OpenImageIO tags PNG as sRGB
+    pixels = np.atleast_3d(quantize(values, depth))
+    _write(path, pixels, depth, space="data", text=text)  # otherwise OpenImageIO tags PNG as sRGB
 
 
-def png_bytes(values: Float32Array) -> bytes:
+def png_bytes(values: Float32Array, text: str = "") -> bytes:
     """Return the 8-bit PNG that `write_image` writes, as bytes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "image.png"
-        write_image(file, values, "8")
+        write_image(file, values, "8", text)
         return file.read_bytes()
 
 
@@ -86,15 +98,19 @@ def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:
     _write(path, colors, choose_bit_depth(path, "8"), space="sRGB")
 
 
-def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str) -> None:
+def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str, text: str = "") -> None:
     import OpenImageIO
 
     OpenImageIO.attribute("tiff:half", 1)  # otherwise 16-bit floats are stored as 32-bit floats
     buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
     spec = buffer.specmod()
     spec.attribute("oiio:ColorSpace", space)
-    if Path(path).suffix.lower() in _DATED:
+    suffix = Path(path).suffix.lower()
+    if suffix in _DATED:
         spec.attribute("DateTime", _FIXED_DATE)
+    if text:
+        described = suffix in _DESCRIBED
+        spec.attribute(_DESCRIPTION if described else _TEXT, f"{_TEXT} {text}" if described else text)
     if not buffer.write(str(path), _OIIO_TYPES[depth]):
         raise OutputError(f"{path}: the image cannot be written ({_line(buffer.geterror())}); choose another output")
 
@@ -140,13 +156,44 @@ def read_pixels(path: str | PathLike[str]) -> Float32Array:
 
 def decode_pixels(data: bytes, name: str) -> Float32Array:
     """Read an image, as `read_pixels` does, from the bytes of its file; error messages call it `name`."""
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "image.png"  # OpenImageIO goes by the content, not by the extension
-        copy.write_bytes(data)
+    with _as_file(data) as copy:
         try:
             return read_pixels(copy)
         except InputError as error:
             raise InputError(str(error).replace(str(copy), name)) from error
+
+
+def read_text(path: str | PathLike[str]) -> str:
+    """Return the text of this program that an image carries; empty where there is none, or no image."""
+    import OpenImageIO
+
+    image = OpenImageIO.ImageInput.open(str(path))
+    if image is None:
+        OpenImageIO.geterror()  # or it is printed at the end
+        return ""
+    try:
+        spec = image.spec()
+        named, described = spec.get_string_attribute(_TEXT), spec.get_string_attribute(_DESCRIPTION)
+    except UnicodeDecodeError:  # it is none of ours, which are ASCII
+        return ""
+    finally:
+        image.close()
+    name, _, text = described.partition(" ")
+    return str(named or (text if name == _TEXT else ""))
+
+
+def decode_text(data: bytes) -> str:
+    """Read the text of an image, as `read_text` does, from the bytes of its file."""
+    with _as_file(data) as copy:
+        return read_text(copy)
+
+
+@contextmanager
+def _as_file(data: bytes) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "image.png"  # OpenImageIO goes by the content, not by the extension
+        copy.write_bytes(data)
+        yield copy
 
 
 def _line(text: str) -> str:

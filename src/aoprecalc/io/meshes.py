@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError
+from aoprecalc.io.baked_options import read_options
 from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo
 from aoprecalc.io.formats.gltf import GltfFormat
@@ -21,7 +22,7 @@ from aoprecalc.io.formats.ply import PlyFormat
 from aoprecalc.io.formats.stl import StlFormat
 from aoprecalc.io.formats.trimesh_formats import ColladaFormat, ThreeMfFormat
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.options import Pack
+from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene
 
 FORMATS: tuple[MeshFormat, ...] = (
@@ -169,6 +170,7 @@ def write_baked_mesh(
     texture_path: str | PathLike[str],
     *,
     pack: Pack = "none",
+    options: ValueOptions | None = None,
 ) -> tuple[str, ...]:
     """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension; return warnings.
 
@@ -176,6 +178,7 @@ def write_baked_mesh(
     normals        (f, 3, 3) float32, unit length: the shading normals that were used
     texture_path   the baked texture, already written: to `outputs`, or as a file
     pack           "orm": glTF stores it in one image with roughness and metalness where these use the same UVs
+    options        those that define the value, which glTF keeps beside the texture
 
     A glTF source stays as it is except for the occlusion texture; OBJ and PLY refer to the texture by map_Kd or map_Ka
     and by a TextureFile comment. A GLB embeds the texture.
@@ -184,7 +187,7 @@ def write_baked_mesh(
     """
     check_mesh_extension(mesh_path, pack)
     path, source = Path(mesh_path), _scene_format(scene)
-    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack)
+    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options)
     try:
         warnings = format_of(path).write_with_ao(outputs, path, mesh)
     except OSError as error:
@@ -209,6 +212,7 @@ class OcclusionTexture:
     uvs       (f, 3, 2) float64, v upwards, NaN where a face has none
     shown     (f,) bool: the faces that have this texture
     warnings  for the user
+    options   those that defined the values when they were baked; None where the files do not say
     """
 
     name: str
@@ -217,6 +221,7 @@ class OcclusionTexture:
     uvs: Float64Array
     shown: BoolArray
     warnings: tuple[str, ...]
+    options: ValueOptions | None = None
 
 
 def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> OcclusionTexture:
@@ -227,6 +232,7 @@ def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> 
     That is the occlusionTexture of glTF, map_Ka or map_Kd of an OBJ's materials, and the TextureFile of a PLY; without
     any of them, `<stem>.png` beside the mesh. Where materials have different textures, the result is the first, or the
     one that is the file `texture`, on its faces only. The UVs are those of the occlusionTexture, else the first set.
+    The options of the bake are those that the image itself carries, else those beside it in the mesh's file.
 
     Raises NoOcclusionError where there are no UVs or no texture is found, InputError where it cannot be read.
     """
@@ -251,7 +257,23 @@ def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> 
     values = chosen.first_channel()
     if not np.isfinite(values).all():
         raise InputError(f"{chosen.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, tuple(warnings))
+    extras = next((part.extras for part in parts if part.image == chosen and part.extras is not None), None)
+    options, damage = baked_options(chosen, extras)
+    return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, (*warnings, *damage), options)
+
+
+def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptions | None, tuple[str, ...]]:
+    """Return the options with which an image was baked, and warnings; None where nothing says them.
+
+    extras   what a mesh's file says of them, as JSON, for an image that carries no text itself; None if nothing
+    """
+    found = image.text() or extras
+    if found is None:
+        return None, ()
+    try:
+        return read_options(found), ()
+    except ValueError as error:
+        return None, (f"{image.name}: the options of its bake cannot be read ({error}); they are not used",)
 
 
 def _choose(mesh: Path, images: Sequence[ImageSource], texture: Path | None) -> ImageSource:

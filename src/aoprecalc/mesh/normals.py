@@ -43,6 +43,11 @@ def face_normals(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     return np.where(has_area[:, None], normalize(normals), _Z_AXIS), has_area
 
 
+def default_crease_angle(scene: Scene) -> float:
+    """Return the dihedral angle in degrees beyond which edges are hard, unless the user says another."""
+    return _STL_ANGLE if scene.format == "stl" else _SMOOTH_ANGLE
+
+
 def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | None = None) -> Float32Array:
     """Return unit shading normals at the corners, (f, 3, 3) float32.
 
@@ -59,7 +64,7 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
     flat = np.repeat(_unit(areas)[:, None], 3, axis=1)
     if mode == "flat":
         return flat.astype(np.float32)
-    angle = crease_angle if crease_angle is not None else _STL_ANGLE if scene.format == "stl" else _SMOOTH_ANGLE
+    angle = default_crease_angle(scene) if crease_angle is None else crease_angle
     groups = scene.faces if angle >= _SMOOTH_ANGLE else _smooth_groups(scene.faces, _unit(areas, empty=_ZERO), angle)
     of_corner = groups.ravel()
     sums: Float64Array = np.column_stack([np.bincount(of_corner, np.repeat(areas[:, axis], 3)) for axis in range(3)])

@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from typing import Literal
 
 from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.options import LightOptions
@@ -41,10 +42,14 @@ def _with_roles(part: Part, options: LightOptions) -> Part:
 
 
 def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, float] | None:
-    if not options.ground:
-        return None
-    up = options.up if options.up != "auto" else "z" if scene.format == "stl" else "y"
-    return _AXES[up]
+    return _AXES[up_axis(scene, options)] if options.ground else None
+
+
+def up_axis(scene: Scene, options: LightOptions) -> Literal["x", "y", "z"]:
+    """Return the axis that points up from the ground."""
+    if options.up == "auto":
+        return "z" if scene.format == "stl" else "y"
+    return options.up
 
 
 def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
@@ -58,6 +63,11 @@ def _with_shares(parts: Sequence[Part], share: bool) -> tuple[Part, ...]:
     return tuple(result)
 
 
+def names_a_part(parts: Sequence[Part], pattern: str) -> bool:
+    """Tell whether a name, which may contain `*` and `?`, is that of a part."""
+    return any(_is_named(part, [pattern]) for part in parts)
+
+
 def _is_named(part: Part, patterns: Collection[str]) -> bool:
     wanted = [pattern.replace("[", "[[]") for pattern in patterns]  # brackets are literal, not a pattern
     return any(fnmatchcase(name, pattern) for name in {part.name, *part.names} for pattern in wanted)
@@ -65,7 +75,7 @@ def _is_named(part: Part, patterns: Collection[str]) -> bool:
 
 def _require_known(parts: Sequence[Part], argument: str, patterns: Collection[str]) -> None:
     for pattern in patterns:
-        if not any(_is_named(part, [pattern]) for part in parts):
+        if not names_a_part(parts, pattern):
             names = sorted({name for part in parts for name in (part.name, *part.names)})
             shown = get_close_matches(pattern, names, _MAX_NAMES) or names[:_MAX_NAMES]
             more = f" or {len(names) - len(shown)} others" if len(names) > len(shown) else ""

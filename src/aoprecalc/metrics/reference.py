@@ -21,12 +21,17 @@ def stratified_ray_count(rays: int) -> int:
 
 
 def reference_ao(
-    scene: Scene, shading: Float32Array, points: SurfacePoints, options: VerifyOptions, progress: Progress
+    scene: Scene,
+    shading: Float32Array,
+    points: SurfacePoints,
+    options: VerifyOptions,
+    progress: Progress,
+    estimator: Estimator = "ratio",
 ) -> Float64Array:
     """Compute the ambient occlusion at surface points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
-    options   `rays`, `seed`, `estimator` and `threads` are used
+    options   `rays`, `seed` and `threads` are used
 
     Rays w are distributed by their cosine with the interpolated shading normal n. Estimator ratio: the visible fraction
     of the rays above the geometric horizon, g.w > 0 with the face normal g; mean: the number of these visible rays /
@@ -36,11 +41,10 @@ def reference_ao(
     surface = NormalizedSurface.from_scene(scene, shading)
     occluders = RayCaster(surface.occluders, options.threads)
     positions, normals, geometric = surface.interpolate(points.faces, points.weights)
-    values = _one_side(surface, occluders, positions, normals, geometric, options, progress)
+    values = _one_side(surface, occluders, (positions, normals, geometric), options, estimator, progress)
     two_sided = np.flatnonzero(scene.two_sided[points.faces])
-    back = _one_side(
-        surface, occluders, positions[two_sided], -normals[two_sided], -geometric[two_sided], options, Progress()
-    )
+    behind = positions[two_sided], -normals[two_sided], -geometric[two_sided]
+    back = _one_side(surface, occluders, behind, options, estimator, Progress())
     values[two_sided] = np.maximum(values[two_sided], back)
     return values
 
@@ -48,12 +52,13 @@ def reference_ao(
 def _one_side(
     surface: NormalizedSurface,
     occluders: RayCaster,
-    positions: Float64Array,
-    normals: Float64Array,
-    geometric: Float64Array,
+    points: tuple[Float64Array, Float64Array, Float64Array],
     options: VerifyOptions,
+    estimator: Estimator,
     progress: Progress,
 ) -> Float64Array:
+    """Return the values of points on one side: their positions, shading normals and face normals, (k, 3) each."""
+    positions, normals, geometric = points
     rays = stratified_ray_count(options.rays)
     rng = np.random.default_rng(options.seed)
     values = np.empty(len(positions))
@@ -66,7 +71,7 @@ def _one_side(
         origins = np.repeat((positions[chunk] + RAY_OFFSET * geometric[chunk]).astype(np.float32), rays, axis=0)
         occluded = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
         visible = above_horizon & ~occluded & ~surface.is_below_ground(directions)
-        values[chunk] = _estimate(visible.sum(axis=1), above_horizon.sum(axis=1), rays, options.estimator)
+        values[chunk] = _estimate(visible.sum(axis=1), above_horizon.sum(axis=1), rays, estimator)
         progress.advance(len(upward))
     return values
 

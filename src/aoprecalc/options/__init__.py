@@ -17,6 +17,7 @@ from aoprecalc.options.bake import (  # fmt: skip
     Sampling,
     Unwrap,
     Up,
+    ValueOptions,
     VerifyOptions,
 )
 from aoprecalc.options.others import BatchOptions, CompareOptions, Init, Method, Radius, Ship, SphereOptions
@@ -24,5 +25,5 @@ from aoprecalc.options.others import BatchOptions, CompareOptions, Init, Method,
 __all__ = [
     "LARGE_MESH", "Backend", "BakeOptions", "BatchOptions", "BitDepth", "CompareOptions", "Estimator", "Fill", "Init",
     "Instances", "LightOptions", "Method", "Normals", "Pack", "Radius", "Sampling", "Ship", "SphereOptions", "Unwrap",
-    "Up", "VerifyOptions",
+    "Up", "ValueOptions", "VerifyOptions",
 ]  # fmt: skip

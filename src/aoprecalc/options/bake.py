@@ -1,11 +1,20 @@
-"""Options of `bake` and `verify`: the texture, its visibility, and the scene."""
+"""Options of `bake` and `verify`: what the value is, and the texture that holds it."""
 
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 from functools import partial
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import BYTES, SHADOW_SIZE, SIZE, Option, Validated, documented, option_field
+from aoprecalc.options.fields import (  # fmt: skip
+    BYTES,
+    SHADOW_SIZE,
+    SIZE,
+    Option,
+    Validated,
+    documented,
+    option_field,
+    option_fields,
+)
 
 Sampling = Literal["fibonacci", "random"]
 Estimator = Literal["ratio", "mean"]
@@ -41,6 +50,18 @@ NormalsField = Annotated[Normals, _mesh(
 CreaseAngleField = Annotated[float | None, _mesh(
     "Edges that bend more than this are hard where smooth normals are computed.", range=(0, 180), unit="degrees",
     metavar="DEG", default_text="180; STL 40")]
+OnlyField = Annotated[tuple[str, ...], _scene("Parts that are baked; the others still occlude.", more=_NAMES)]
+ExcludeField = Annotated[tuple[str, ...], _scene(
+    "Parts to leave out: they neither receive nor occlude.", more=_NAMES)]
+OccludersOnlyField = Annotated[tuple[str, ...], _scene("Parts that occlude but are not baked.", more=_NAMES)]
+GlassOccludesField = Annotated[bool, _scene(
+    "Transparent materials occlude too.",
+    more="Without it they are baked, but light passes through them (glTF: BLEND, transmission).")]
+TwoSidedField = Annotated[bool, _scene(
+    "Take the lighter value of the two sides of every face.",
+    more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
+GroundField = Annotated[bool, _scene("Put the scene on an endless floor: no light comes from below.")]
+UpField = Annotated[Up, _scene("Axis that points up from the floor of `ground`. auto: y; z for STL.")]
 ThreadsField = Annotated[int, _run(
     "Threads for software rendering and rays; 0: all cores.", range=(0, 1024),
     more="A process keeps the number that its first bake asked for.")]
@@ -51,18 +72,13 @@ ThreadsField = Annotated[int, _run(
 class LightOptions(Validated):
     """Which parts of a scene receive light and which occlude it."""
 
-    only: Annotated[tuple[str, ...], _scene("Parts that are baked; the others still occlude.", more=_NAMES)] = ()
-    exclude: Annotated[tuple[str, ...], _scene(
-        "Parts to leave out: they neither receive nor occlude.", more=_NAMES)] = ()
-    occluders_only: Annotated[tuple[str, ...], _scene("Parts that occlude but are not baked.", more=_NAMES)] = ()
-    glass_occludes: Annotated[bool, _scene(
-        "Transparent materials occlude too.",
-        more="Without it they are baked, but light passes through them (glTF: BLEND, transmission).")] = False
-    two_sided: Annotated[bool, _scene(
-        "Take the lighter value of the two sides of every face.",
-        more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")] = False
-    ground: Annotated[bool, _scene("Put the scene on an endless floor: no light comes from below.")] = False
-    up: Annotated[Up, _scene("Axis that points up from the floor of `ground`. auto: y; z for STL.")] = "auto"
+    only: OnlyField = ()
+    exclude: ExcludeField = ()
+    occluders_only: OccludersOnlyField = ()
+    glass_occludes: GlassOccludesField = False
+    two_sided: TwoSidedField = False
+    ground: GroundField = False
+    up: UpField = "auto"
 
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
@@ -71,6 +87,22 @@ class LightOptions(Validated):
             raise ArgumentError(
                 "up", f"is {self.up!r}, but there is no floor; add {{ground}}, or omit {{up}}", "ground", "up"
             )
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class ValueOptions(LightOptions):
+    """What the value of a surface point is, whatever the texture: these options travel with a result.
+
+    Two bakes with the same ones differ by sampling and resolution alone.
+    """
+
+    estimator: EstimatorField = "ratio"
+    normals: NormalsField = "auto"
+    crease_angle: CreaseAngleField = None
+    instances: Annotated[Instances, _mesh(
+        "Bake each instance of a mesh into texels of its own, or let them share texels.",
+        more="Shared texels hold the mean of the instances' values.")] = "bake"
 
 
 class _TextureSize:
@@ -84,7 +116,7 @@ class _TextureSize:
 
 @documented
 @dataclass(frozen=True, kw_only=True)
-class BakeOptions(_TextureSize, LightOptions):
+class BakeOptions(_TextureSize, ValueOptions):
     """How to bake an ambient-occlusion texture.
 
     `size` sets `width` and `height`, and takes precedence over them.
@@ -99,7 +131,6 @@ class BakeOptions(_TextureSize, LightOptions):
         "Choose the directions on a uniform lattice, or at random.",
         more="Random directions are antithetic pairs drawn from `seed`.")] = "fibonacci"
     seed: Annotated[int, _visibility("Seed of the random directions.", range=(0, 2**32 - 1))] = 0
-    estimator: EstimatorField = "ratio"
     shadow_size: Annotated[int | None, _visibility(
         "Side of a depth map.", range=(16, 8192), unit="texels", default_text="auto", quantity=SHADOW_SIZE,
         more="auto: 512 to 2048, so that its texels are somewhat smaller than the texture's on the surface, "
@@ -122,8 +153,6 @@ class BakeOptions(_TextureSize, LightOptions):
         more="The mean is that of the covered texels.")] = "mean"
     bit_depth: Annotated[BitDepth, _texture(
         "Bits of a channel, or a float type. auto: half for EXR, 8 for other formats.")] = "auto"
-    normals: NormalsField = "auto"
-    crease_angle: CreaseAngleField = None
     target_error: Annotated[float | None, _visibility(
         "Stop before `directions` once the estimated sampling error is at most E.", range=(0, 1), metavar="E",
         default_text="never stop early",
@@ -134,9 +163,6 @@ class BakeOptions(_TextureSize, LightOptions):
         default_text="no limit", quantity=BYTES,
         more="The unwrapper is not limited. A limit that is too low is refused, with one that suffices, once "
         "the number of covered texels is known. K, M, G and T are powers of 1024.")] = None
-    instances: Annotated[Instances, _mesh(
-        "Bake each instance of a mesh into texels of its own, or let them share texels.",
-        more="Shared texels hold the mean of the instances' values.")] = "bake"
     pack: Annotated[Pack, _texture(
         "orm: put occlusion into one picture with glTF's roughness and metalness.",
         more="This needs materials that have these on the same UVs.")] = "none"
@@ -155,8 +181,12 @@ class BakeOptions(_TextureSize, LightOptions):
 
 @documented
 @dataclass(frozen=True)
-class VerifyOptions(LightOptions):
-    """How to measure a texture against ray tracing; normals and the scene must be those of the bake."""
+class VerifyOptions(Validated):
+    """How to measure a texture against ray tracing.
+
+    None is *as baked*: what the texture's file says of its bake, and the default of `BakeOptions` where it says
+    nothing, as that of another program.
+    """
 
     points: Annotated[int, _measurement("Points, uniform by area on the surface.", range=(1, 10_000_000))] = 20_000
     rays: Annotated[int, _measurement(
@@ -164,10 +194,40 @@ class VerifyOptions(LightOptions):
         more="They are stratified in a square grid, so the number is rounded up to a square; 2304 leave a "
         "noise of about 0.002.")] = 48 * 48
     seed: Annotated[int, _measurement("Seed of the points and the rays.", range=(0, 2**32 - 1))] = 0
-    estimator: EstimatorField = "ratio"
-    normals: NormalsField = "auto"
-    crease_angle: CreaseAngleField = None
+    estimator: EstimatorField | None = None
+    normals: NormalsField | None = None
+    crease_angle: CreaseAngleField | None = None
     tolerance: Annotated[float | None, _measurement(
         "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", range=(0, 1), metavar="E",
         default_text="any error passes", more="The outputs stay.")] = None
     threads: ThreadsField = 0
+    only: OnlyField | None = None
+    exclude: ExcludeField | None = None
+    occluders_only: OccludersOnlyField | None = None
+    glass_occludes: GlassOccludesField | None = None
+    two_sided: TwoSidedField | None = None
+    ground: GroundField | None = None
+    up: UpField | None = None
+
+    def value_options(self, baked: ValueOptions | None = None) -> ValueOptions:
+        """Return what the texture should hold: the options given here, else those of its bake, else the defaults.
+
+        Parameters
+        ----------
+        baked : ValueOptions or None
+            The options of the bake; None where they are not known.
+
+        Returns
+        -------
+        ValueOptions
+
+        Raises
+        ------
+        ArgumentError
+            If together they contradict each other.
+        """
+        names = [field.name for field in option_fields(ValueOptions) if hasattr(self, field.name)]
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if given.get("ground") is False:
+            given.setdefault("up", "auto")
+        return replace(baked or ValueOptions(), **given)

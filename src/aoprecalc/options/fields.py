@@ -8,13 +8,13 @@ all derived from that field. Standard library only, so that `--help` is instant.
 
 import re
 from collections.abc import Callable
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 from functools import cache
 from inspect import get_annotations
 from math import inf
 from numbers import Integral, Real
 from textwrap import wrap
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from aoprecalc.errors import ArgumentError
 
@@ -193,13 +193,23 @@ def _read_fields(kind: type) -> tuple[OptionField, ...]:
     for base in reversed(kind.__mro__):
         for name, hint in get_annotations(base).items():
             init_only = isinstance(hint, InitVar)
-            bare, *metadata = get_args(hint.type if init_only else hint)
+            whole = hint.type if init_only else hint
+            stated = next((entry for entry in get_args(whole) if get_origin(entry) is Annotated), whole)
+            bare, option = get_args(stated)
             types = get_args(bare) if type(None) in get_args(bare) else (bare,)
             plain = [entry for entry in types if entry is not type(None)]
             parts = tuple(field.default for field in found.values() if field.option.part_of == name)
             type_, optional = plain[0] if len(plain) == 1 else bare, len(plain) < len(types)
-            found[name] = OptionField(name, type_, optional, parts or getattr(kind, name), init_only, metadata[0])
+            if stated is not whole:
+                option, optional = _as_baked(name, type_, option), True
+            found[name] = OptionField(name, type_, optional, parts or getattr(kind, name), init_only, option)
     return tuple(sorted(found.values(), key=lambda field: not field.init_only))
+
+
+def _as_baked(name: str, kind: Any, option: Option) -> Option:
+    """Return what is said about an option of a bake where it may be left to the bake: `OptionOfBake | None`."""
+    off = f"--no-{name.replace('_', '-')}" if kind is bool else ""
+    return replace(option, default_text="as baked", off=off)
 
 
 option_fields: Callable[[type], tuple[OptionField, ...]] = cache(_read_fields)

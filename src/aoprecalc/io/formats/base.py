@@ -15,9 +15,9 @@ from typing import ClassVar
 import numpy as np
 
 from aoprecalc.io.formats.polygons import Polygons
-from aoprecalc.io.images import decode_pixels, read_pixels
+from aoprecalc.io.images import decode_pixels, decode_text, read_pixels, read_text
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.options import Pack
+from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
 
@@ -29,6 +29,7 @@ class MeshWithAo:
     normals   (f, 3, 3) float32, unit length: the shading normals that were used
     texture   the path of the baked texture, already written
     pack      "orm": glTF stores occlusion in one image with roughness and metalness where these use the same UVs
+    options   those that define the value, to be written beside it; None for none
     """
 
     scene: Scene
@@ -36,6 +37,7 @@ class MeshWithAo:
     normals: Float32Array
     texture: Path
     pack: Pack = "none"
+    options: ValueOptions | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,10 @@ class ImageSource:
         """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""
         return np.ascontiguousarray(self.pixels()[:, :, 0])
 
+    def text(self) -> str:
+        """Return the text of this program that the image carries; empty where there is none."""
+        return decode_text(self.data) if self.path is None else read_text(self.path)
+
 
 @dataclass(frozen=True, eq=False)
 class PartOcclusion:
@@ -68,11 +74,13 @@ class PartOcclusion:
     uvs     (n, 3, 2) float64 at the part's corners, v upwards: those of the texture, else the first UV set; None where
             the part has no UVs
     note    a warning for the user; empty if none
+    extras  what the mesh's file says of the options of the bake, as JSON; None if nothing
     """
 
     image: ImageSource | None
     uvs: Float64Array | None
     note: str = ""
+    extras: object = None
 
 
 class MeshFormat(ABC):

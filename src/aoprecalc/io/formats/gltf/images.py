@@ -28,12 +28,13 @@ _MIME_TYPES = {
 
 
 def add_texture(
-    outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, repeats: bool
+    outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, text: str, *, repeats: bool
 ) -> tuple[int, tuple[str, ...]]:
     """Add the baked texture to the document that will be at `path`: embedded in a GLB, else by a relative URI.
 
     A format that glTF does not allow (EXR, TIFF ...) is converted to an 8-bit PNG, beside the document or in the GLB.
 
+    text      that the converted PNG carries
     repeats   its UVs extend beyond [0, 1]
 
     Returns the index of the new texture, and warnings.
@@ -41,7 +42,7 @@ def add_texture(
     warnings: tuple[str, ...] = ()
     data = outputs.written(texture).read_bytes()
     if _mime_type(data) not in ("image/png", "image/jpeg"):
-        data = png_bytes(read_image(outputs.written(texture)))
+        data = png_bytes(read_image(outputs.written(texture)), text)
         warnings = (f"{path}: glTF allows no {texture.suffix} images; it gets a copy as 8-bit PNG",)
         texture = next(_candidates(outputs, texture.with_suffix(".png")))
         if not _embeds(path):

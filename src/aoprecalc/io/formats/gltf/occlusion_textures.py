@@ -4,16 +4,19 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from aoprecalc.errors import InputError
+from aoprecalc.io.baked_options import EXTRAS, options_document
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
 from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_image, texture_wraps
 from aoprecalc.io.formats.gltf.reader import PrimitiveSource
 from aoprecalc.io.images import png_bytes
+from aoprecalc.options import ValueOptions
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
@@ -69,20 +72,38 @@ def replaced_references(
 
 
 def assign_textures(
-    document: Json, texcoords: Mapping[int, int], textures: Mapping[int, int], packed: Collection[int]
+    document: Json,
+    texcoords: Mapping[int, int],
+    textures: Mapping[int, int],
+    packed: Collection[int],
+    options: ValueOptions | None,
 ) -> None:
     """Give materials their occlusion textures.
 
     texcoords   index of a material -> the n of its TEXCOORD_n
     textures    index of a material -> index of its texture
     packed      the materials whose texture has roughness and metalness as well
+    options     those that define the value, for the extras; None for none
     """
     for index, texcoord in texcoords.items():
         material = document["materials"][index]
+        extras = _extras(material.get("occlusionTexture", {}).get("extras", {}), options_document(options))
         # Replaced as a whole: a KHR_texture_transform of an earlier texture could override texCoord.
-        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": 1.0}
+        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": 1.0, **extras}
         if index in packed:
             material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] = textures[index]
+
+
+def _extras(before: Any, options: Json | None) -> Json:
+    """Return the member `extras` of an occlusionTexture: those of the texture before it, and the options of the bake.
+
+    before   of any type, as the specification allows; what is no object stays as it is
+    """
+    if not isinstance(before, dict):
+        return {"extras": before}
+    kept = {key: value for key, value in before.items() if key != EXTRAS}
+    extras = kept if options is None else {**kept, EXTRAS: options}
+    return {"extras": extras} if extras else {}
 
 
 def roughness_texture(material: Json) -> Json | None:
@@ -127,12 +148,13 @@ class OrmImage:
 
 
 def pack_orm(
-    document: GltfDocument, materials: Mapping[int, int], atlas: Atlas, occlusion: Float32Array
+    document: GltfDocument, materials: Mapping[int, int], atlas: Atlas, occlusion: Float32Array, text: str
 ) -> tuple[dict[int, OrmImage], tuple[str, ...]]:
     """Return the packed images of the materials that allow it, and a warning about the others.
 
     materials   index of a material -> the n of the TEXCOORD_n of the occlusion
     occlusion   (height, width) float32, row 0 at v = 0 in glTF
+    text        for the images to carry
 
     A material allows it if its metallicRoughnessTexture has the same UVs as the occlusion. Along each axis the image
     has the larger of both sizes. Materials with the same texture share an image.
@@ -147,7 +169,7 @@ def pack_orm(
             if info is not None and not obstacle:
                 texture = info["index"]
                 if texture not in of_texture:
-                    of_texture[texture] = _pack(document, texture, atlas, occlusion)
+                    of_texture[texture] = _pack(document, texture, atlas, occlusion, text)
                 images[index] = of_texture[texture]
         except (InputError, KeyError, IndexError):
             obstacle = "with one whose image cannot be read (PNG or JPEG was expected)"
@@ -173,7 +195,7 @@ def _obstacle(document: GltfDocument, info: Json | None, texcoord: int, atlas: A
     return ""
 
 
-def _pack(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Float32Array) -> OrmImage:
+def _pack(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Float32Array, text: str) -> OrmImage:
     pixels = texture_image(document, texture).pixels()
     colors = pixels[:, :, 1:3] if pixels.shape[2] >= 3 else pixels[:, :, [0, 0]]  # grey
     height, width = max(len(pixels), len(occlusion)), max(pixels.shape[1], occlusion.shape[1])
@@ -184,7 +206,7 @@ def _pack(document: GltfDocument, texture: int, atlas: Atlas, occlusion: Float32
     ]
     entry = document.entry("textures", texture)
     sampler = document.entry("samplers", entry["sampler"]) if "sampler" in entry else None
-    return OrmImage(png_bytes(np.concatenate(layers, axis=2)), sampler)
+    return OrmImage(png_bytes(np.concatenate(layers, axis=2), text), sampler)
 
 
 def _resize(values: Float32Array, height: int, width: int, wraps: tuple[Wrap, Wrap]) -> Float32Array:
@@ -218,7 +240,9 @@ def gltf_occlusion(document: GltfDocument, part: Part) -> PartOcclusion:
         return PartOcclusion(None, _uvs(document, part, primitive, TextureUse(0, 0)))
     use, strength = TextureUse.of(info), info.get("strength", 1.0)
     note = f"the occlusion texture has a strength of {strength:g}, which is not applied" if strength != 1 else ""
-    return PartOcclusion(texture_image(document, use.index), _uvs(document, part, primitive, use), note)
+    extras = info.get("extras")
+    said = extras.get(EXTRAS) if isinstance(extras, dict) else None
+    return PartOcclusion(texture_image(document, use.index), _uvs(document, part, primitive, use), note, said)
 
 
 def _uvs(document: GltfDocument, part: Part, primitive: Json, use: TextureUse) -> Float64Array | None:

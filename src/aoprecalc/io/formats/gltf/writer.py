@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aoprecalc.io.baked_options import options_text
 from aoprecalc.io.formats.base import (
     MaterialUse,
     MeshWithAo,
@@ -136,22 +137,22 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
         document, buffer, texcoords = new_document(scene, atlas, mesh.normals)
     materials, notes = own_materials(document, texcoords)
     warnings += notes
-    packed: dict[int, OrmImage] = {}
+    text, packed = options_text(mesh.options), dict[int, OrmImage]()
     if mesh.pack == "orm":
         so_far = GltfDocument(scene.path, document, (buffer.data,))
-        packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)))
+        packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)
         warnings += notes
 
     release_references(document, buffer, replaced_references(document, materials, packed))
     warnings += carry_images(outputs, path, document, buffer, scene.path)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
     if len(textures) < len(materials):
-        number, notes = add_texture(outputs, path, document, buffer, texture, atlas.repeats)
+        number, notes = add_texture(outputs, path, document, buffer, texture, text, repeats=atlas.repeats)
         warnings += notes
         textures = dict.fromkeys(materials, number) | textures
         if is_new:
             show_texture(document, texcoords, number)
-    assign_textures(document, materials, textures, packed)
+    assign_textures(document, materials, textures, packed, mesh.options)
     compact(document)
     _write(outputs, path, document, buffer.data)
     return tuple(warnings)

@@ -1,0 +1,107 @@
+"""An occlusion texture on its mesh, for `verify` and `compare`: the faces that it covers, and how it was baked."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from aoprecalc.errors import InputError, option_name
+from aoprecalc.io import OcclusionTexture
+from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.roles import assign_roles, names_a_part
+from aoprecalc.options import ValueOptions, VerifyOptions
+from aoprecalc.options.fields import option_fields
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import atlas_from_uvs, build_layout
+from aoprecalc.types import Atlas, BoolArray, Scene
+
+
+@dataclass(frozen=True, eq=False)
+class TexturedSurface:
+    """A texture on its mesh.
+
+    scene      with the roles of its parts
+    picture    the texture
+    atlas      its UVs, and the faces that it covers: some, all of them with area
+    options    what its values should be: the options that were given, else those of the bake, else the defaults
+    taken      the words of a command line for what was taken from the bake and is no default
+    warnings   for the user
+    """
+
+    scene: Scene
+    picture: OcclusionTexture
+    atlas: Atlas
+    options: ValueOptions
+    taken: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scene: Scene, picture: OcclusionTexture, given: VerifyOptions) -> "TexturedSurface":
+        """Return a texture on its mesh, with the options of its bake where `given` does not say others.
+
+        Raises UsageError where options contradict each other or name no part, InputError where the texture covers none
+        of the faces.
+        """
+        baked, missing = _known_parts(scene, picture, given)
+        options = given.value_options(baked)
+        scene = assign_roles(scene, options)
+        atlas, left_out = _atlas(scene, picture)
+        taken = () if baked is None else _taken(options, given)
+        return cls(scene, picture, atlas, options, taken, (*picture.warnings, *missing, *left_out))
+
+    def coverage(self) -> BoolArray:
+        """Return the texels of the texture that the surface covers at least in part, (height, width) bool."""
+        height, width = self.picture.values.shape
+        covered: BoolArray = np.zeros(height * width, bool)
+        covered[CPURasterizer(build_layout(self.scene, self.atlas, width, height)).coverage().index] = True
+        return covered.reshape(height, width)
+
+
+def _known_parts(
+    scene: Scene, picture: OcclusionTexture, given: VerifyOptions
+) -> tuple[ValueOptions | None, tuple[str, ...]]:
+    """Return the options of the bake, with names of parts only that the file still has, and warnings about others."""
+    baked = picture.options
+    if baked is None:
+        return None, ()
+    known: dict[str, Any] = {}
+    warnings = []
+    for argument in ("only", "exclude", "occluders_only"):
+        if getattr(given, argument) is not None:
+            continue
+        known[argument] = tuple(name for name in getattr(baked, argument) if names_a_part(scene.parts, name))
+        warnings += [
+            f"{picture.name} was baked with {option_name(argument)} {name!r}, which is the name of no part of "
+            f"{scene.path}; it is left out"
+            for name in getattr(baked, argument)
+            if name not in known[argument]
+        ]
+    return replace(baked, **known), tuple(warnings)
+
+
+def _taken(options: ValueOptions, given: VerifyOptions) -> tuple[str, ...]:
+    """Return the words of a command line for the options that were not given and differ from their defaults."""
+    words = list[str]()
+    for field in option_fields(VerifyOptions):
+        used = getattr(options, field.name, None)  # None too for what does not define the value
+        if getattr(given, field.name) is None and used is not None and used != getattr(ValueOptions, field.name):
+            words += field.words(used)
+    return tuple(words)
+
+
+def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, tuple[str, ...]]:
+    """Return the UVs with the faces that they map, and warnings about the others.
+
+    A face whose corners share one UV is not mapped: files without UVs for some faces have (0, 0) there.
+    """
+    has_area = face_normals(scene.corners)[1]
+    has_uvs = np.isfinite(picture.uvs).all(axis=(1, 2)) & (picture.uvs != picture.uvs[:, :1]).any(axis=(1, 2))
+    mapped = picture.shown & scene.receives & has_area & has_uvs
+    if not mapped.any():
+        raise InputError(
+            f"{scene.path}: none of its {len(scene.faces)} faces has area and UVs in {picture.name}; "
+            "bake it, or export it with UVs"
+        )
+    without = np.count_nonzero(picture.shown & scene.receives & has_area & ~has_uvs)
+    warnings = (f"{without} of {len(scene.faces)} faces have no UVs in the texture and are left out",)
+    return atlas_from_uvs(scene, picture.uvs, mapped), warnings if without else ()
