@@ -48,7 +48,7 @@ def test_a_command_without_options_has_the_defaults_of_the_class(command):
     for field in option_fields(CLASSES[command]):
         if not field.option.part_of:
             value = given[field.name]
-            assert value == field.default or (value is None and field.default == ()), field.name
+            assert value == field.default or (not value and field.kind in ("names", "integers")), field.name
 
 
 @pytest.mark.parametrize("size", [(2048, 1024), [2048, 1024], tuple(np.array([2048, 1024]))])

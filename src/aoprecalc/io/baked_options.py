@@ -15,9 +15,9 @@ import msgspec
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.io.images import MAX_TEXT
-from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import ValueOptions
 
+SCHEMA = 1  # version of the document
 EXTRAS = "aoprecalc"  # the member of glTF's `extras`
 
 Json = dict[str, Any]
@@ -27,7 +27,7 @@ def options_document(options: ValueOptions | None) -> Json | None:
     """Return the JSON object of some options; None for no options, and where its text would be longer than MAX_TEXT."""
     if options is None:
         return None
-    document = {"schema": SCHEMAS["baked options"], **asdict(options)}
+    document = {"schema": SCHEMA, **asdict(options)}
     return document if len(_text(document)) <= MAX_TEXT else None
 
 
@@ -45,8 +45,8 @@ def read_options(found: object) -> ValueOptions:
             raise ValueError(f"it is longer than {MAX_TEXT} characters")
         document = json.loads(text)
         schema = document.pop("schema", None) if isinstance(document, dict) else None
-        if schema != SCHEMAS["baked options"]:
-            raise ValueError(f"its schema is {str(schema)[:20]!a}, {SCHEMAS['baked options']} was expected")
+        if schema != SCHEMA:
+            raise ValueError(f"its schema is {str(schema)[:20]!a}, {SCHEMA} was expected")
         return msgspec.convert(document, ValueOptions)
     except json.JSONDecodeError as error:
         raise ValueError("it is not JSON") from error

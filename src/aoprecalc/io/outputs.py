@@ -196,7 +196,6 @@ def relative_uri(target: Path, file: Path) -> str:
 #     importlib.resources.files("aoprecalc") / "schemas" / "bake.schema.json"
 SCHEMAS = {
     "bake": 1,
-    "baked options": 1,
     "batch": 1,
     "batch record": 2,
     "cache": 1,

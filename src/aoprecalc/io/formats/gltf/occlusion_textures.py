@@ -76,34 +76,40 @@ def assign_textures(
     texcoords: Mapping[int, int],
     textures: Mapping[int, int],
     packed: Collection[int],
-    options: ValueOptions | None,
+    extras: Mapping[int, Any],
 ) -> None:
     """Give materials their occlusion textures.
 
     texcoords   index of a material -> the n of its TEXCOORD_n
     textures    index of a material -> index of its texture
     packed      the materials whose texture has roughness and metalness as well
-    options     those that define the value, for the extras; None for none
+    extras      index of a material -> the `extras` of its occlusionTexture
     """
     for index, texcoord in texcoords.items():
         material = document["materials"][index]
-        extras = _extras(material.get("occlusionTexture", {}).get("extras", {}), options_document(options))
         # Replaced as a whole: a KHR_texture_transform of an earlier texture could override texCoord.
-        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": 1.0, **extras}
+        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": 1.0}
+        if index in extras:
+            material["occlusionTexture"]["extras"] = extras[index]
         if index in packed:
             material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] = textures[index]
 
 
-def _extras(before: Any, options: Json | None) -> Json:
-    """Return the member `extras` of an occlusionTexture: those of the texture before it, and the options of the bake.
+def occlusion_extras(document: Json, materials: Collection[int], options: ValueOptions | None) -> dict[int, Any]:
+    """Return index of a material -> the `extras` of its new occlusionTexture: those of the old one, and the options.
 
-    before   of any type, as the specification allows; what is no object stays as it is
+    options   those that define the value; None for none
+    Extras may be of any type; those that are no object are kept without the options.
     """
-    if not isinstance(before, dict):
-        return {"extras": before}
-    kept = {key: value for key, value in before.items() if key != EXTRAS}
-    extras = kept if options is None else {**kept, EXTRAS: options}
-    return {"extras": extras} if extras else {}
+    own = {} if (said := options_document(options)) is None else {EXTRAS: said}
+    found: dict[int, Any] = {}
+    for index in materials:
+        before = document["materials"][index].get("occlusionTexture", {}).get("extras", {})
+        if isinstance(before, dict):
+            before = {key: value for key, value in before.items() if key != EXTRAS} | own
+        if before != {}:
+            found[index] = before
+    return found
 
 
 def roughness_texture(material: Json) -> Json | None:

@@ -23,6 +23,7 @@ from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, carr
 from aoprecalc.io.formats.gltf.occlusion_textures import (
     OrmImage,
     assign_textures,
+    occlusion_extras,
     own_materials,
     pack_orm,
     replaced_references,
@@ -143,6 +144,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
         packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)
         warnings += notes
 
+    extras = occlusion_extras(document, materials, mesh.options)
     release_references(document, buffer, replaced_references(document, materials, packed))
     warnings += carry_images(outputs, path, document, buffer, scene.path)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
@@ -152,7 +154,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
         textures = dict.fromkeys(materials, number) | textures
         if is_new:
             show_texture(document, texcoords, number)
-    assign_textures(document, materials, textures, packed, mesh.options)
+    assign_textures(document, materials, textures, packed, extras)
     compact(document)
     _write(outputs, path, document, buffer.data)
     return tuple(warnings)
