@@ -70,8 +70,8 @@ def selected_tables() -> dict[str, list[str]]:
     counts = counts_table([row for row in quality if row["spheres"] == USUAL])
     return {
         "fidelity": columns(fidelity_table(rows), FIDELITY_COLUMNS),
-        "speed": speed_table(results("speed")["points"]),
         "spheres": columns(counts, SPHERES_COLUMNS),
+        "speed": speed_table(results("speed")["points"]),
     }
 
 

@@ -194,10 +194,14 @@ def write_torus(path: Path, across: int) -> None:
 def draw_charts(found: dict[str, list[dict[str, object]]]) -> None:
     """Draw error over time for each mesh, and time over triangles, texels and directions."""
     try:
-        from matplotlib import pyplot
+        from matplotlib import pyplot, ticker
     except ModuleNotFoundError:
         print("no charts: matplotlib is not installed")
         return
+
+    def in_words(value: float, _: int) -> str:
+        return f"{value:,g}" if value < 1e6 else f"{value / 1e6:g} M"
+
     keys = list(dict.fromkeys(row["key"] for row in found["points"]))
     kinds = list(dict.fromkeys(row["what"] for row in found["growth"]))
     figure, axes = pyplot.subplots(2, max(len(keys), len(kinds), 1), figsize=(14, 7), squeeze=False)
@@ -215,6 +219,11 @@ def draw_charts(found: dict[str, list[dict[str, object]]]) -> None:
     for plot in axes.flat:
         plot.set_visible(plot.has_data())
         plot.grid(alpha=0.3, which="both")
+        for axis in (plot.xaxis, plot.yaxis):
+            axis.set_major_formatter(in_words)
+            axis.set_minor_formatter(ticker.NullFormatter())
+    for plot in axes[0]:
+        plot.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 3, 5)))
     tools, linear = (plot.get_legend_handles_labels() for plot in (axes[0][0], axes[1][0]))
     figure.legend(tools[0] + linear[0], tools[1] + linear[1], loc="lower right", bbox_to_anchor=(0.95, 0.2))
     figure.tight_layout()

@@ -1,9 +1,9 @@
-"""Draw the README's pictures.
+"""Draw the pictures of README.md and of the explanation pages, from meshes that are made here or in examples/.
 
     python docs/make_pictures.py [NAME ...]
 
-Writes borders.png and sides.png from small generated meshes, and spheres.png from two of ../shared/meshes, to
-docs/pictures; with names, only those pictures. Needs Pillow.
+Writes before_after.png, borders.png, sides.png and spheres.png to docs/pictures; with names, only those pictures. Needs
+Pillow. (benchmarks/speed.py draws speed.png.)
 """
 
 import sys
@@ -11,13 +11,12 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
-from picture_meshes import HALF_BOX, SIZE, cup, in_a_box, inside_out, leaning_wall, plant
+from picture_meshes import HALF_BOX, SIZE, as_scene, chair, cup, in_a_box, inside_out, leaning_wall, octopus, plant
 from PIL import Image, ImageDraw, ImageFont
 
 from aoprecalc import BakeOptions, SphereOptions
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.io import load_scene
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.render import preview_panels
@@ -25,8 +24,9 @@ from aoprecalc.spheres import fit_sphere_set
 from aoprecalc.types import Baked, Scene
 
 HERE = Path(__file__).parent
-MESHES = HERE.resolve().parents[1] / "shared" / "meshes"
+EXAMPLES = HERE.parent / "examples"
 SHADERS = {f"{stage}_shader": (HERE / f"shaders/{stage}.glsl").read_text("utf-8") for stage in ("vertex", "fragment")}
+DIRECTIONS, SAMPLES = 1000, 100_000  # of every bake and every fit
 PAPER, INK, SOFT, OUTLINE = (247, 247, 245), (38, 42, 48), (104, 110, 118), (222, 40, 60)
 
 ZOOM = 6  # pixels per texel in borders.png
@@ -34,8 +34,8 @@ READ_COLOR, PADDING_COLOR = (240, 130, 40), (70, 130, 230)
 CELL, SUPERSAMPLING = 290, 4  # of sides.png: pixels per side of a cell, and samples per pixel along each axis
 CAMERA_DIRECTION = np.array([0.34, -0.76, 0.56]) / np.linalg.norm([0.34, -0.76, 0.56])  # camera direction
 FLAT = {-1: (0.70, 0.30, 0.17), -2: (0.86, 0.46, 0.30), -3: (0.52, 0.21, 0.12), -4: (0.62, 0.67, 0.73)}  # linear
-SPHERE_MESHES = [("bigguy.obj", "y"), ("fruitfly_assembled_welded.ply", "z")]  # of spheres.png, with their up axes
 PANEL = (420, 340)  # pixels of a cell of spheres.png
+STUDIO = (620, 372)  # pixels of a half of before_after.png
 
 
 def write(picture: Image.Image, position: tuple[int, int], text: str, size: int = 16, color: tuple = INK) -> None:
@@ -47,7 +47,8 @@ def borders() -> Image.Image:
     """Draw one texture at four stages: covered texels, padding, and two ways of filling the rest."""
     scene, (width, height) = leaning_wall(), SIZE
     # Depth maps far finer than `auto` would choose, so that every visible step is the texture's.
-    settings = {"width": width, "height": height, "unwrap": "keep", "normals": "flat", "shadow_size": 2048}
+    settings = {"width": width, "height": height, "directions": DIRECTIONS, "unwrap": "keep", "normals": "flat"}
+    settings["shadow_size"] = 2048
     bakes = [(0, "none"), (8, "none"), (8, "mean"), (8, "pushpull")]
     baked = [bake_scene(scene, BakeOptions(padding=padding, fill=fill, **settings)) for padding, fill in bakes]
     bare, padded, mean, pushpull = (255 * one.texture.values[..., None] for one in baked)
@@ -134,7 +135,7 @@ def sides() -> Image.Image:
     gap, head, foot = 16, 40, 60
     picture = Image.new("RGB", (4 * (CELL + gap) + gap, 36 + 2 * (head + CELL + foot)), PAPER)
     for row, title in enumerate(("aoprecalc bake MESH", "aoprecalc bake MESH --two-sided")):
-        options = BakeOptions(width=512, height=512, crease_angle=50, two_sided=bool(row))
+        options = BakeOptions(width=512, height=512, directions=DIRECTIONS, crease_angle=50, two_sided=bool(row))
         baked, top = [bake_scene(scene, options) for scene in scenes], 36 + head + row * (head + CELL + foot)
         write(picture, (gap, top - 30), title, 18)
         with open_renderer() as renderer:
@@ -146,19 +147,14 @@ def sides() -> Image.Image:
     return picture
 
 
-def spheres() -> Image.Image | None:
+def spheres() -> Image.Image:
     """Draw figure 1.5 of *Précalcul*: meshes, and 100 spheres fitted to 100,000 samples by two methods."""
     rows = []
-    for name, up in SPHERE_MESHES:
-        if not (MESHES / name).exists():
-            print(f"spheres.png: without {name}, which is not in {MESHES}")
-            continue
-        scene = load_scene(MESHES / name)
-        sets = [fit_sphere_set(scene, SphereOptions(method=method), Progress())[0] for method in ("lloyd", "shadow")]
-        panels = preview_panels(scene, [(spheres.centers, spheres.radii) for spheres in sets], PANEL, up)
+    for scene in (octopus(), chair()):
+        methods = [SphereOptions(samples=SAMPLES, method=method) for method in ("lloyd", "shadow")]
+        sets = [fit_sphere_set(scene, options, Progress())[0] for options in methods]
+        panels = preview_panels(scene, [(spheres.centers, spheres.radii) for spheres in sets], PANEL)
         rows.append(np.concatenate(panels, axis=1))
-    if not rows:
-        return None
     cells, head = Image.fromarray(np.concatenate(rows)), 40
     picture = Image.new("RGB", (cells.width, cells.height + head), PAPER)
     picture.paste(cells, (0, head))
@@ -167,12 +163,40 @@ def spheres() -> Image.Image | None:
     return picture
 
 
+def before_after() -> Image.Image:
+    """Draw a mesh in even light, and with its texture and the shadow of its spheres, by the shaders of examples/."""
+    sys.path.insert(0, str(EXAMPLES))
+    from make_meshes import colonnade
+
+    from render import draw
+
+    scene = as_scene([colonnade()])
+    baked = bake_scene(scene, BakeOptions(directions=DIRECTIONS, crease_angle=40))
+    fitted = fit_sphere_set(scene, SphereOptions(300, samples=SAMPLES, method="shadow"), Progress())[0]
+    corners = np.concatenate([scene.corners, baked.normals, baked.atlas.uvs], axis=2).reshape(-1, 8)
+    nowhere = np.array([[0.0, 1e6, 0.0, 1e-6]])
+    open_everywhere = np.ones((1, 1), np.float32)
+    cast = np.column_stack([fitted.centers, fitted.radii])
+    picture = Image.new("RGB", (2 * STUDIO[0] + 8, STUDIO[1]), PAPER)
+    with open_renderer() as renderer:
+        for column, (title, occlusion, balls) in enumerate(
+            (
+                ("Before", open_everywhere, nowhere),
+                ("After: ambient occlusion, and a shadow cast by 300 spheres", baked.texture.values, cast),
+            )
+        ):
+            left = column * (STUDIO[0] + 8)
+            picture.paste(draw(renderer.context, corners, occlusion, balls, STUDIO), (left, 0))
+            write(picture, (left + 16, 12), title)
+    return picture
+
+
 def main() -> None:
     """Write the pictures."""
     (HERE / "pictures").mkdir(exist_ok=True)
-    for make in (borders, sides, spheres):
-        if (not sys.argv[1:] or make.__name__ in sys.argv[1:]) and (picture := make()):
-            picture.save(HERE / f"pictures/{make.__name__}.png", optimize=True)
+    for make in (before_after, borders, sides, spheres):
+        if not sys.argv[1:] or make.__name__ in sys.argv[1:]:
+            make().save(HERE / f"pictures/{make.__name__}.png", optimize=True)
 
 
 if __name__ == "__main__":

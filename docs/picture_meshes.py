@@ -1,4 +1,4 @@
-"""The meshes of the README's pictures."""
+"""The meshes of the documentation's pictures."""
 
 from pathlib import Path
 
@@ -69,8 +69,56 @@ def plant() -> Scene:
     return as_scene([plate, *leaves])
 
 
-def as_scene(meshes: list[trimesh.Trimesh], uvs: np.ndarray | None = None) -> Scene:
-    """Make a Scene of meshes and optional UVs at their corners, (f, 3, 2)."""
+def octopus() -> Scene:
+    """Make a head on eight tapered arms, y up: one mesh of spheres.png."""
+    head = trimesh.creation.icosphere(4, 0.42)
+    head.apply_transform(np.diag([0.9, 1.25, 0.9, 1.0]))
+    parts = [head.apply_translation((0.0, 0.75, -0.05))]
+    along = np.linspace(0, 1, 49)
+    for arm in range(8):
+        turn = arm * np.pi / 4 + 0.35 * np.sin(2.4 * arm) + 0.9 * along**2 * np.cos(1.7 * arm)
+        reach = 0.16 + 1.1 * along
+        height = 0.42 * (1 - along) ** 2 + 0.07 + 0.16 * np.sin(3.1 * along + arm) * along
+        path = np.column_stack([reach * np.cos(turn), height, reach * np.sin(turn)])
+        parts.append(tube(path, 0.15 * (1 - along) ** 0.8 + 0.02))
+    return as_scene(parts)
+
+
+def chair() -> Scene:
+    """Make a chair of thin bars, y up: the other mesh of spheres.png."""
+    bars = [((x - 0.03, 0.0, z - 0.03), (x + 0.03, 0.5, z + 0.03)) for x in (-0.24, 0.24) for z in (-0.24, 0.24)]
+    bars += [((-0.30, 0.50, -0.30), (0.30, 0.54, 0.30)), ((-0.30, 1.05, -0.28), (0.30, 1.14, -0.24))]
+    bars += [((x - 0.025, 0.54, -0.28), (x + 0.025, 1.05, -0.24)) for x in (-0.26, -0.13, 0.0, 0.13, 0.26)]
+    return as_scene([trimesh.creation.box(bounds=bar) for bar in bars], flat=True)
+
+
+def tube(path: np.ndarray, radii: np.ndarray, sections: int = 24) -> trimesh.Trimesh:
+    """Sweep circles, one radius for each point, along a path, (n, 3); it never runs along y. The ends are closed."""
+    forward = np.gradient(path, axis=0)
+    side = np.cross(forward, (0.0, 1.0, 0.0))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    upward = np.cross(side, forward)
+    upward /= np.linalg.norm(upward, axis=1, keepdims=True)
+    angles = np.linspace(0, 2 * np.pi, sections, endpoint=False)
+    ring = side[:, None] * np.cos(angles)[:, None] + upward[:, None] * np.sin(angles)[:, None]
+    vertices = np.concatenate([(path[:, None] + radii[:, None, None] * ring).reshape(-1, 3), path[[0, -1]]])
+    first = (np.arange(len(path) - 1)[:, None] * sections + np.arange(sections)).ravel()
+    turned = first - first % sections + (first + 1) % sections
+    quads = np.concatenate([np.column_stack([first, turned, turned + sections]),
+                            np.column_stack([first, turned + sections, first + sections])])  # fmt: skip
+    start, last = np.arange(sections), np.arange(sections) + len(vertices) - 2 - sections
+    caps = [
+        np.column_stack([np.full(sections, len(vertices) - 2), np.roll(start, -1), start]),
+        np.column_stack([np.full(sections, len(vertices) - 1), last, np.roll(last, -1)]),
+    ]
+    mesh = trimesh.Trimesh(vertices, np.concatenate([quads, *caps]), process=False)
+    if mesh.volume < 0:
+        mesh.invert()
+    return mesh
+
+
+def as_scene(meshes: list[trimesh.Trimesh], uvs: np.ndarray | None = None, *, flat: bool = False) -> Scene:
+    """Make a Scene of meshes and optional UVs at their corners, (f, 3, 2); with normals of its own if it is `flat`."""
     mesh = trimesh.util.concatenate(meshes)
     positions, ids = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
     faces = ids.ravel()[mesh.faces].astype(np.int32)
@@ -79,7 +127,7 @@ def as_scene(meshes: list[trimesh.Trimesh], uvs: np.ndarray | None = None) -> Sc
         "obj",
         positions,
         faces,
-        None,
+        np.repeat(mesh.face_normals[:, None], 3, axis=1).astype(np.float32) if flat else None,
         () if uvs is None else (uvs,),
         (Part("made", 0, len(faces), faces),),
     )
