@@ -19,8 +19,10 @@ import trimesh
 import yaml
 from PIL import Image, ImageOps
 
+from aoprecalc import __version__
 from aoprecalc.gl.context import INSTALLS
 from aoprecalc.pipeline import plan_batch
+from github_kit import DEFAULTS, Workflow
 
 ROOT = Path(__file__).parents[2]
 CI = ROOT / "examples" / "ci"
@@ -78,9 +80,9 @@ def made(project):
     return {name for name in found if name.endswith(("_ao.png", "_spheres.json"))}
 
 
-def cases(project):
-    """The test cases of the JUnit file where GitLab's job says that it is, and the names of those that failed."""
-    suites = ElementTree.parse(project / GITLAB["artifacts"]["reports"]["junit"]).getroot()
+def cases(file):
+    """The number of test cases of a JUnit file, and the names of those that failed."""
+    suites = ElementTree.parse(file).getroot()
     found = list(suites.iter("testcase"))
     return len(found), [case.get("name") for case in found if case.find("failure") is not None]
 
@@ -97,8 +99,8 @@ def cached(tmp_path_factory):
     (project / "aoprecalc.toml").write_text(text, encoding="utf-8")
     done = run(project, "aoprecalc", "batch", "aoprecalc.toml", "-q")
     assert done.returncode == 0, done.stderr
-    (project / "golden").mkdir()
-    shutil.copy(project / "build" / "ao" / "props" / "crate_ao.png", project / "golden")
+    (project / "golden" / "props").mkdir(parents=True)
+    shutil.copy(project / "build" / "ao" / "props" / "crate_ao.png", project / "golden" / "props")
     shutil.rmtree(project / "build")
     return project
 
@@ -114,7 +116,7 @@ def break_mesh(project):
 
 
 def change_golden(project):
-    golden = project / "golden" / "crate_ao.png"
+    golden = project / "golden" / "props" / "crate_ao.png"
     ImageOps.invert(Image.open(golden)).save(golden)
 
 
@@ -138,66 +140,42 @@ def test_the_manifest_asks_for_what_its_comments_say(tmp_path, monkeypatch):
     assert not any(spec.spheres for spec in specs.values())
 
 
-# The steps of the GitHub workflow that can be run here, by their names.
-COMMANDS = {step["name"]: step for step in STEPS if step.get("run", "").startswith("aoprecalc")}
-DOCTOR, BAKE, COMPARE, PRUNE = COMMANDS
-ALWAYS = "${{ !cancelled() }}"
+# The GitHub workflow uses the action of this repository; tests/examples/test_action.py has more about it.
+
+
+def test_the_github_workflow_uses_the_action_of_this_version():
+    (uses,) = (step for step in STEPS if step["uses"].startswith("aoprecalc/"))
+    assert uses["uses"] == f"aoprecalc/aoprecalc@v{__version__}"
+    assert uses["with"].keys() <= DEFAULTS.keys()
 
 
 def run_workflow(project):
-    """Run these steps as GitHub does; returns the exit code of each that was begun, and all that was said."""
-    codes, said = {}, ""
-    for name, step in COMMANDS.items():
-        if any(codes.values()) and step.get("if") != ALWAYS:
-            continue
-        done = run(project, "bash", "-e", "-c", step["run"], **GITHUB["env"], GITHUB_ACTIONS="true")
-        codes[name], said = done.returncode, said + done.stdout + done.stderr
-    return codes, said
-
-
-def test_the_github_workflow_runs_or_installs_or_uses_an_action():
-    for step in STEPS:
-        assert ("uses" in step) != ("run" in step)
-        if "run" in step and step.get("name") not in COMMANDS:
-            assert step["run"].startswith(("sudo apt-get update &&", "pip install "))
+    """Run the action's scripts as GitHub does until one fails; returns that one's name, and the job."""
+    (uses,) = (step for step in STEPS if step["uses"].startswith("aoprecalc/"))
+    job = Workflow(project, **uses["with"])
+    shutil.copytree(project / CACHE, job.cache)
+    failed = next((step for step in ("Bake", "Compare with golden files") if job.run(step)), None)
+    return failed, job
 
 
 @pytest.mark.slow
-def test_the_github_workflow_takes_from_the_cache_and_passes(project):
-    codes, said = run_workflow(project)
-    assert codes == dict.fromkeys([DOCTOR, BAKE, COMPARE, PRUNE], 0), said
-    assert batch_json(project)["counts"]["cached"] == 3
-    assert cases(project) == (3, [])
+@pytest.mark.parametrize(
+    ("change", "step", "found"),
+    [
+        (lambda project: None, None, (3, [])),
+        (break_mesh, "Bake", (4, ["broken"])),
+        (change_golden, "Compare with golden files", (3, [])),
+    ],
+)
+def test_the_github_workflow_says_what_is_wrong_and_keeps_what_there_is(project, change, step, found):
+    change(project)
+    failed, job = run_workflow(project)
+    assert failed == step, job.said
+    reports = project / "build" / "reports"
+    assert json.loads((reports / "batch.json").read_bytes())["counts"]["cached"] == 3
+    assert cases(reports / "batch.xml") == found
     assert made(project) == MADE
-    assert (project / "build" / "crate_ao_compare.png").exists()
-
-
-@pytest.mark.slow
-def test_the_github_workflow_caches_and_uploads_what_there_is_also_after_a_failure(project):
-    break_mesh(project)
-    trimesh.creation.icosphere(0).export(project / "assets" / "props" / "crate.obj")
-    codes, said = run_workflow(project)
-    assert codes == {DOCTOR: 0, BAKE: 1, PRUNE: 0}, said
-    assert "::error file=assets/props/broken.obj::" in said
-    actions = {step["uses"].partition("@")[0]: step for step in STEPS if "uses" in step}
-    restore, save = actions["actions/cache/restore"], actions["actions/cache/save"]
-    upload = actions["actions/upload-artifact"]
-    assert save["if"] == upload["if"] == ALWAYS
-    assert {restore["with"]["path"], save["with"]["path"]} == {"${{ env.AOPRECALC_CACHE }}"}
-    assert restore["with"]["key"] == save["with"]["key"]
-    assert save["with"]["key"].startswith(restore["with"]["restore-keys"])
-    assert len(list((project / GITHUB["env"]["AOPRECALC_CACHE"]).rglob("result.json"))) == 4  # the new crate, too
-    assert (project / upload["with"]["path"] / "batch.xml").exists()
-    assert cases(project) == (4, ["broken"])
-
-
-@pytest.mark.slow
-def test_the_github_workflow_fails_where_the_golden_texture_is_another(project):
-    change_golden(project)
-    codes, said = run_workflow(project)
-    assert codes == {DOCTOR: 0, BAKE: 0, COMPARE: 1, PRUNE: 0}, said
-    assert "differs from golden/crate_ao.png" in said
-    assert (project / "build" / "crate_ao_compare.png").exists()
+    assert (reports / "compare" / "props" / "crate_ao.png.difference.png").exists() is (step != "Bake")
 
 
 @pytest.mark.slow
@@ -212,7 +190,7 @@ def test_the_gitlab_job_says_what_is_wrong_and_keeps_what_there_is(project, chan
     after = run(project, "sh", "-e", "-c", "\n".join(GITLAB["after_script"]), **GITLAB["variables"])
     assert after.returncode == 0, after.stderr
     assert batch_json(project)["counts"]["cached"] == 3
-    assert cases(project) == found
+    assert cases(project / GITLAB["artifacts"]["reports"]["junit"]) == found
     assert made(project) == MADE
     assert all((project / path).exists() for path in [*GITLAB["artifacts"]["paths"], *GITLAB["cache"]["paths"]])
 
@@ -223,17 +201,15 @@ def test_the_gitlab_job_caches_the_folder_that_it_uses_also_after_a_failure():
 
 
 def test_all_install_the_packages_that_a_bake_without_opengl_asks_for():
-    steps = [step.get("run", "") for step in STEPS]
-    for lines in (steps, GITLAB["before_script"], [rest for _, rest in dockerfile()]):
-        (line,) = (line for line in lines if "apt-get install" in line)
-        assert re.search(r"apt-get install -y --no-install-recommends ([^&]*)", line)[1].split() == PACKAGES
-    assert " ".join(PACKAGES) in (ROOT / "README.md").read_text(encoding="utf-8")
+    setup = (ROOT / "scripts" / "setup-gl").read_text(encoding="utf-8").splitlines()  # the action runs it
+    for lines in (setup, GITLAB["before_script"], [rest for _, rest in dockerfile()]):
+        line = next(line for line in lines if "apt-get install" in line)
+        found = re.search(r"apt-get install -y (?:-q )?--no-install-recommends ([^&\"]*)", line)
+        assert found[1].split() == PACKAGES
 
 
-def test_all_install_aoprecalc_from_a_checkout_and_need_no_extra():
-    install = next(rest for name, rest in dockerfile() if name == "RUN" and "pip install" in rest)
-    for where in (GITHUB["env"]["AOPRECALC"], GITLAB["variables"]["AOPRECALC"], shlex.split(install)[-1]):
-        assert re.fullmatch(r"[./\w]+", where)
+def test_the_gitlab_job_installs_this_version():
+    assert GITLAB["variables"]["AOPRECALC"] == f"aoprecalc=={__version__}"
 
 
 @pytest.mark.slow
