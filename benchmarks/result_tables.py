@@ -9,6 +9,7 @@ into README.md, each between the marks `<!-- NAME: ... -->` and `<!-- end of NAM
 import itertools
 import json
 import math
+import re
 from pathlib import Path
 
 Row = dict[str, object]
@@ -101,9 +102,10 @@ def fidelity_table(rows: list[Row]) -> list[str]:
     lines = table("mesh", "triangles", "texels", "shading", "baked by", "seconds", "RMSE", "p50", "p95", "p99", "mip 1",
                   "mip 2")  # fmt: skip
     for row in rows:
+        tool = re.sub(r"^Blender \S+ ", "", row["tool"])
         errors = " | ".join(f"{row[name]:.4f}" for name in ("rmse", "p50", "p95", "p99", "mip1", "mip2"))
         lines.append(
-            f"| {row['mesh']} | {row['triangles']:,} | {row['size']}² | {row['shading']} | {row['tool']} | "
+            f"| {row['mesh']} | {row['triangles']:,} | {row['size']}² | {row['shading']} | {tool} | "
             f"{row['seconds']:.1f} | {errors} |"
         )
     return lines

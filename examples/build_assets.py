@@ -2,8 +2,8 @@
 
 Usage: python examples/build_assets.py PATTERN... -o FOLDER [--size N] [--directions N] [--golden TEXTURE]
 
-PATTERN is a mesh, a folder, or a name with *, ? and **. The golden texture is one of an earlier build that was looked
-at and kept, such as golden/colonnade_ao.png.
+PATTERN is a mesh, a folder, or a name with *, ? and **. The golden texture is an approved one of an earlier build,
+such as golden/colonnade_ao.png.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def build(patterns: list[str], folder: Path, size: int, directions: int) -> aopr
 
 
 def check(golden: Path, outputs: list[Path]) -> bool:
-    """Print whether the output that is called like a golden texture still looks like it, and return that."""
+    """Print whether the output of the same name as a golden texture still equals it within a tolerance; return that."""
     named = [output for output in outputs if output.name == golden.name]
     if not named:
         print(f"no output is called {golden.name}")

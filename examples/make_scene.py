@@ -43,8 +43,8 @@ def leaves(count: int = 26) -> trimesh.Trimesh:
     """Make squares that lean outwards around a stem, each with the picture of one leaf, cut out by its alpha."""
     square = np.array([(-0.5, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0)])
     corners = []
-    for leaf in range(count):
-        lean, turn = 0.2 + 1.1 * leaf / count, leaf * 2.39996  # the golden angle
+    for number in range(count):
+        lean, turn = 0.2 + 1.1 * number / count, number * 2.39996  # the golden angle
         placed = trimesh.transform_points(square * 0.42, rotation_matrix(lean, (1, 0, 0)))
         corners.append(trimesh.transform_points(placed, rotation_matrix(turn, UP)) + (0, 0.35, 0))
     first = 4 * np.arange(count)[:, None]
@@ -54,9 +54,9 @@ def leaves(count: int = 26) -> trimesh.Trimesh:
     width = 0.38 * np.sin(np.pi * np.clip(1 - y, 0, 1)) ** 0.7
     alpha = np.clip(0.5 + 20 * (width - np.abs(x - 0.5)), 0, 1)
     picture = np.dstack([np.full((LEAF, LEAF), shade) for shade in (70, 130, 60)] + [255 * alpha]).astype(np.uint8)
-    look = material("leaf", (255, 255, 255, 255), baseColorTexture=Image.fromarray(picture))
-    look.alphaMode, look.doubleSided = "MASK", True
-    return trimesh.Trimesh(np.concatenate(corners), faces, process=False, visual=TextureVisuals(uv, material=look))
+    leaf = material("leaf", (255, 255, 255, 255), baseColorTexture=Image.fromarray(picture))
+    leaf.alphaMode, leaf.doubleSided = "MASK", True
+    return trimesh.Trimesh(np.concatenate(corners), faces, process=False, visual=TextureVisuals(uv, material=leaf))
 
 
 def terrace() -> trimesh.Scene:
@@ -68,13 +68,13 @@ def terrace() -> trimesh.Scene:
         [block((x - 0.04, 0, z - 0.04), (x + 0.04, 0.72, z + 0.04)) for x in (-0.7, 0.7) for z in (-0.35, 0.35)]
     )
     top = block((-0.8, 0.72, -0.45), (0.8, 0.76, 0.45))
-    for solid, look in (
+    for solid, appearance in (
         (slab, material("stone", (190, 190, 185, 255))),
         (pot, material("clay", (170, 95, 70, 255))),
         (frame, material("steel", (120, 125, 130, 255))),
         (top, material("glass", (200, 230, 235, 70), alphaMode="BLEND")),
     ):
-        solid.visual = TextureVisuals(material=look)
+        solid.visual = TextureVisuals(material=appearance)
     for name, solid in (("slab", slab), ("table frame", frame), ("table top", top)):
         scene.add_geometry(solid, node_name=name, geom_name=name)
     for name, solid in (("pot", pot), ("leaves", leaves())):

@@ -13,15 +13,15 @@ float ambientOcclusion(sampler2D bakedTexture, vec2 uv) {
 }
 
 // Light from all around that reaches the point. It belongs on ambient (image-based) light only.
-vec3 ambientLight(float occlusion, vec3 ambient) {
-    return occlusion * ambient;
+vec3 ambientLight(float ao, vec3 ambient) {
+    return ao * ambient;
 }
 
 // Stand-in for the shadow that a surface casts on itself: how well a light is seen, `cosine` from the normal.
-// If the point sees out through a round opening about its normal, then occlusion = sin^2 of the opening's half angle;
+// If the point sees out through a round opening about its normal, then ao = sin^2 of the opening's half angle;
 // a light inside that cone is seen, one outside fades away
 // (D. Chan, "Material Advances in Call of Duty: WWII", SIGGRAPH 2018 course, "micro-shadowing").
-float seenThroughOpening(float occlusion, float cosine) {
-    float inside = min(1.0, max(0.0, cosine) * inversesqrt(max(1e-6, 1.0 - occlusion)));
+float seenThroughOpening(float ao, float cosine) {
+    float inside = min(1.0, max(0.0, cosine) * inversesqrt(max(1e-6, 1.0 - ao)));
     return inside * inside;
 }
