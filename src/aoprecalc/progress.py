@@ -1,8 +1,22 @@
 """Progress of long jobs: what receives it, and the seconds of each stage."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+
+
+class Note(str):
+    """A line for the user that needs no action; other strings among messages are warnings."""
+
+
+def warnings_of(messages: Iterable[str]) -> tuple[str, ...]:
+    """Return the messages that are warnings: lines about what may need an action."""
+    return tuple(line for line in messages if not isinstance(line, Note))
+
+
+def notes_of(messages: Iterable[str]) -> tuple[str, ...]:
+    """Return the messages that need no action."""
+    return tuple(line for line in messages if isinstance(line, Note))
 
 
 class Progress:
@@ -33,10 +47,19 @@ class Progress:
         """Show what the present stage is doing; replaces the step before."""
 
     def note(self, text: str) -> None:
-        """Show one line about a choice that was made, and why."""
+        """Show one line about the result, or a choice that was made; it needs no action."""
 
     def warn(self, text: str) -> None:
-        """Show one line that the user should know about the result."""
+        """Show one line about what may need an action, such as faces that are lost."""
+
+
+def tell(progress: Progress, messages: Iterable[str]) -> None:
+    """Show messages: the notes, then the warnings."""
+    lines = list(messages)
+    for line in notes_of(lines):
+        progress.note(line)
+    for line in warnings_of(lines):
+        progress.warn(line)
 
 
 class StageTimer:

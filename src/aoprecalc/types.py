@@ -111,7 +111,8 @@ class Scene:
     uv_sets        each (f, 3, 2) float64, v upwards (row 0 of an image is at v = 1), (0, 0) where a face has none
     parts          consecutive faces that cover the scene
     document       the original file as its reader keeps it, to write it back; opaque to others
-    warnings       lines for the user about the input
+    warnings       lines for the user about the input that may need an action
+    notes          lines about it that need none
     ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
     """
 
@@ -124,6 +125,7 @@ class Scene:
     parts: tuple[Part, ...]
     document: object = None
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     ground_normal: tuple[float, float, float] | None = None
 
     @property
@@ -231,6 +233,39 @@ class Texture:
     valid: BoolArray
 
 
+@dataclass(frozen=True)
+class DarkPart:
+    """A part of which at least half is enclosed, or faces inwards: see DarkTexels; shares of its own texels."""
+
+    name: str
+    inside: float
+    inwards: float
+
+
+@dataclass(frozen=True)
+class DarkTexels:
+    """Texels that (nearly) no light reaches, AO below 0.01, by cause; shares of the texels that have a value, 0 to 1.
+
+    share          all of them
+    samples        how many of them rays were cast from, to find the causes; 0 where no causes were looked for
+    inside         enclosed: neither side sees out, as inside another part or where parts touch
+    inwards        only the back of the face sees out
+    on_ground      facing the ground and resting on it
+    above_ground   facing the ground from above: nothing else keeps the light away
+    narrow         in a gap or hollow out of which less than 1% is seen
+    parts          those of which at least half is enclosed or faces inwards, those with the most such texels first
+    """
+
+    share: float
+    samples: int = 0
+    inside: float = 0.0
+    inwards: float = 0.0
+    on_ground: float = 0.0
+    above_ground: float = 0.0
+    narrow: float = 0.0
+    parts: tuple[DarkPart, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Baked:
     """The result of a bake.
@@ -241,12 +276,13 @@ class Baked:
     normals         (f, 3, 3) float32: the shading normals that were used
     directions      number of light directions that were used
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
-    occluded_share  share of the measured texels that are (nearly) fully occluded: below 0.01
+    dark            its texels that get no light, and why
     backend         gl or ray
     renderer        name of the OpenGL renderer, or of the ray tracer
     shadow_size     side of the depth maps in texels; None without maps
     options         those that define the value, as they were used: the axis that points up, the crease angle of STL
-    warnings        lines for the user about the result
+    warnings        lines for the user about the result that may need an action
+    notes           lines about it that need none
     """
 
     scene: Scene
@@ -255,12 +291,13 @@ class Baked:
     normals: Float32Array
     directions: int
     sampling_error: float | None
-    occluded_share: float
+    dark: DarkTexels
     backend: str
     renderer: str
     shadow_size: int | None
     options: ValueOptions
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ def test_random_directions_follow_the_seed():
 def test_an_odd_number_of_directions_is_rounded_up_and_said():
     baked = bake_scene(scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0))), BakeOptions(width=16, height=16, directions=99))
     assert baked.directions == 100
-    assert "100 directions" in baked.warnings[0]
+    assert "100 directions" in baked.notes[0]
 
 
 def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():

@@ -51,8 +51,8 @@ def test_a_ball_in_a_glass_ball_is_open_and_in_an_opaque_one_closed(backend):
     open_inside, closed = (bake(made, backend, glass_occludes=occludes) for occludes in (False, True))
     assert on_part(open_inside, 0)[0].min() == 1
     assert on_part(closed, 0)[0].max() <= 1.5 * ONE_STEP
-    assert any("1 part ('part 1') is transparent" in line for line in open_inside.warnings)
-    assert not any("transparent" in line for line in closed.warnings)
+    assert any("1 part ('part 1') is transparent" in line for line in open_inside.notes)
+    assert not any("transparent" in line for line in closed.notes)
     # Glass receives: its outside is open, whatever is in it.
     assert on_part(open_inside, 1)[0].min() >= 1 - ONE_STEP
 

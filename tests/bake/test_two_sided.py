@@ -34,7 +34,7 @@ def test_a_ball_that_looks_inwards_is_dark_and_named_or_open_if_two_sided(backen
     assert any("its faces point inwards" in line and "--two-sided" in line for line in baked.warnings)
     baked = bake(inwards, backend, two_sided=True)
     assert (baked.texture.values[baked.texture.valid] == 1).all()
-    assert baked.occluded_share == 0
+    assert baked.dark.share == 0
     assert not any("--two-sided" in line for line in baked.warnings)
 
 
@@ -80,5 +80,5 @@ def test_a_part_inside_another_is_dark_and_said(backend):
     values = baked.texture.values.ravel()[texels.index]
     assert values[inside].max() < ONE_STEP
     assert (values[~inside] == 1).all()
-    assert baked.occluded_share == pytest.approx(inside.mean(), abs=0.01)
-    assert any(f"{baked.occluded_share:.1%} of texels are fully occluded" in line for line in baked.warnings)
+    assert baked.dark.share == pytest.approx(inside.mean(), abs=0.01)
+    assert any(f"{baked.dark.share:.1%} of texels are dark" in line for line in baked.notes)

@@ -31,10 +31,10 @@ def test_verbose_adds_the_seconds_of_stages(capsys):
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_quiet_says_nothing(capsys, monkeypatch, terminal):
+def test_quiet_prints_warnings_alone(capsys, monkeypatch, terminal):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    work(Console(quiet=True, verbose=False))
-    assert capsys.readouterr() == ("", "")
+    work(Console(quiet=True, verbose=True))
+    assert capsys.readouterr() == ("", "warning: one is missing\n")
 
 
 def test_a_terminal_gets_bars_and_whole_lines(capsys, monkeypatch):

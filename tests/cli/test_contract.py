@@ -62,7 +62,7 @@ def test_the_same_command_gives_the_same_bytes(ring, tmp_path):
 
 
 def test_the_report_has_what_scripts_read(ring, tmp_path, run):
-    done = run(tmp_path, "bake", "ring.obj", *QUICK, "--json", "--report", "report.json", "-q")
+    done = run(tmp_path, "bake", "ring.obj", *QUICK, "--padding", "2", "--json", "--report", "report.json", "-q")
     assert done.returncode == 0
     assert done.stderr == ""
     report = json.loads(done.stdout)

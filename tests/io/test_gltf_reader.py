@@ -119,7 +119,7 @@ def test_points_and_lines_are_left_out(gltf):
     gltf.node(mesh=gltf.mesh(*({"attributes": {"POSITION": position}, "mode": mode} for mode in (0, 1, 4))))
     scene = gltf.load()
     assert len(scene.faces) == 1
-    assert "2 primitives of points or lines" in scene.warnings[0]
+    assert "2 primitives of points or lines" in scene.notes[0]
 
 
 def test_skinned_meshes_stand_as_their_joints_do(gltf):
@@ -224,6 +224,6 @@ def test_a_glb_that_is_cut_off(gltf, length):
 def test_other_scenes_and_extensions_that_are_not_known_are_told(gltf):
     gltf.node(mesh=gltf.mesh({"attributes": {"POSITION": gltf.accessor(TRIANGLE)}}))
     gltf.json |= {"scene": 1, "scenes": [{"nodes": []}, {"nodes": [0]}], "extensionsRequired": ["FOO_bar"]}
-    said = gltf.load().warnings
-    assert any("2 scenes" in line and "index 1" in line for line in said)
-    assert any("requires FOO_bar" in line for line in said)
+    scene = gltf.load()
+    assert any("2 scenes" in line and "index 1" in line for line in scene.notes)
+    assert any("requires FOO_bar" in line for line in scene.warnings)

@@ -51,7 +51,7 @@ def test_excluded_and_unlit_parts_come_out_as_they_went_in(gltf_cube, bake_gltf)
     assert after["materials"][1] == before["materials"][1]
     for mesh in (1, 2):
         assert "TEXCOORD_1" not in after["meshes"][mesh]["primitives"][0]["attributes"]
-    assert any("'sign'" in line and "unlit" in line for line in report["warnings"])
+    assert any("'sign'" in line and "unlit" in line for line in report["notes"])
 
 
 def test_an_instance_that_is_excluded_keeps_the_mesh_of_the_file(gltf_cube, bake_gltf):
@@ -76,7 +76,7 @@ def test_instances_become_meshes_or_share_one(gltf_cube, bake_gltf, instances, m
     _, after, report = bake_gltf(instances=instances, unwrap="xatlas")
     assert [node["mesh"] for node in after["nodes"]] == meshes
     assert [part["shares"] for part in report["parts"]] == ([None] * 3 if instances == "bake" else [None, 0, 0])
-    assert any("2 instances became separate meshes" in line for line in report["warnings"]) == (instances == "bake")
+    assert any("2 instances became separate meshes" in line for line in report["notes"]) == (instances == "bake")
     assert report["ao"]["min"] > 0.9
 
 

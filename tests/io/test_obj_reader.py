@@ -49,7 +49,7 @@ def test_corners_without_uv_or_normal_are_told_and_filled(save):
     assert scene.normals[0] == pytest.approx(np.tile([0, 0.6, 0.8], (3, 1)))
     assert scene.normals[1] == pytest.approx(np.array([[0, 0.6, 0.8], [0, 0, 1], [0, 0, 1]]))
     assert scene.uvs[1].tolist() == [[1, 1], [1, 1], [0, 0]]
-    assert len(scene.warnings) == 2
+    assert [len(lines) for lines in (scene.warnings, scene.notes)] == [1, 1]
 
 
 def test_normals_of_a_part_only_are_not_used(save):
@@ -70,7 +70,7 @@ def test_odd_writing(save):
 def test_faces_without_area_stay_and_are_counted(save):
     scene = load_scene(save("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 2\nf 1 2 4\n"))
     assert len(scene.faces) == 3
-    assert "2 of 3 faces have no area" in scene.warnings[0]
+    assert "2 of 3 faces have no area" in scene.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, VerifyOptions
-from aoprecalc.progress import Progress, StageTimer
+from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.types import Baked, BoolArray, Float32Array, Scene
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
@@ -104,13 +104,16 @@ class BakeResult:
         with Outputs() as outputs:
             outputs.protect(source_files(self._baked.scene))
             plan.claim(outputs)
-            files, warnings = plan.write(outputs, self._baked)
+            files, messages = plan.write(outputs, self._baked)
             if plan.report is not None:
-                names = _report_outputs(files, outputs)
-                document = replace(self.report, outputs=names, warnings=(*self.report.warnings, *warnings))
+                document = replace(
+                    self.report,
+                    outputs=_report_outputs(files, outputs),
+                    warnings=(*self.report.warnings, *warnings_of(messages)),
+                    notes=(*self.report.notes, *notes_of(messages)),
+                )
                 write_json(outputs.path(plan.report), document.to_dict())
-        for line in warnings:
-            (progress or Progress()).warn(line)
+        tell(progress or Progress(), messages)
         return files
 
 
@@ -168,10 +171,9 @@ def bake(
         mesh = as_mesh(mesh)
     baked = bake_scene(mesh._scene, options, progress, timer)
     errors = _measure(baked, baked.texture.values, options, progress, timer) if verify else None
-    warnings = (*mesh._scene.warnings, *baked.warnings, *(_warn_of_shared_uvs(baked) if verify else ()))
-    report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), warnings)
-    for line in warnings:
-        progress.warn(line)
+    messages = (*_messages(baked), *(_warn_of_shared_uvs(baked) if verify else ()))
+    report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), messages)
+    tell(progress, messages)
     ao = baked.texture.values
     textured = BakedMesh.of(mesh, baked, output_uvs(baked.scene, baked.atlas))
     return BakeResult(ao, baked.texture.valid, textured, report, baked, options)
@@ -228,18 +230,17 @@ def bake_file(
         plan.claim(outputs, texture=False)
         baked = bake_scene(scene, options, progress, timer, make_visibility)
         with timer.stage("write"):
-            files, notes = plan.write(outputs, baked)
-        warnings = (*scene.warnings, *baked.warnings, *notes)
+            files, messages = plan.write(outputs, baked)
+        messages = (*_messages(baked), *messages)
         errors = None
         if verify:
             errors = _measure(baked, read_image(outputs.written(files.texture)), options, progress, timer)
-            warnings += _warn_of_shared_uvs(baked)
+            messages += _warn_of_shared_uvs(baked)
         names = _report_outputs(files, outputs)
-        document = bake_report(baked, options, names, errors, timer.seconds(), warnings)
+        document = bake_report(baked, options, names, errors, timer.seconds(), messages)
         if plan.report is not None:
             write_json(outputs.path(plan.report), document.to_dict())
-    for line in warnings:
-        progress.warn(line)
+    tell(progress, messages)
     return FileBake(files, baked, document)
 
 
@@ -271,12 +272,12 @@ class _FilePlan:
             claim_output(outputs, self._report, self.report)
 
     def write(self, outputs: Outputs, baked: Baked) -> tuple[BakeFiles, tuple[str, ...]]:
-        """Write the texture and the mesh; return their paths and warnings."""
+        """Write the texture and the mesh; return their paths, and warnings and notes about the mesh."""
         suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
         path = self._mesh_path(suffix)
         text = options_text(baked.options)
         write_image(outputs.path(self.texture), baked.texture.values, self._options.bit_depth, text)
-        notes = write_baked_mesh(
+        messages = write_baked_mesh(
             outputs,
             path,
             baked.scene,
@@ -286,7 +287,8 @@ class _FilePlan:
             pack=self._options.pack,
             options=baked.options,
         )
-        return BakeFiles(self.texture, path), (*notes, *((reason,) if reason and self._mesh_output is None else ()))
+        reasons = (Note(reason),) if reason and self._mesh_output is None else ()
+        return BakeFiles(self.texture, path), (*messages, *reasons)
 
     def _mesh_path(self, suffix: str) -> Path:
         default = self.texture.parent / f"{self._stem}_ao{suffix}"
@@ -311,6 +313,12 @@ def _measure(
         return measure_texture(
             baked.scene, baked.atlas, baked.normals, texture, how, progress, estimator=options.estimator
         )
+
+
+def _messages(baked: Baked) -> tuple[str, ...]:
+    """Return the warnings and notes about the input and the bake."""
+    scene = baked.scene
+    return (*scene.warnings, *baked.warnings, *scene.notes, *baked.notes)
 
 
 def _warn_of_shared_uvs(baked: Baked) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ import numpy as np
 from aoprecalc.api.reports import (
     BakeOutputs,
     BakeReport,
+    DarkPartShares,
+    DarkTexelShares,
     InputMesh,
     OcclusionStatistics,
     PartRoles,
@@ -22,20 +24,23 @@ from aoprecalc.mesh.topology import topology
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.options.fields import option_fields
-from aoprecalc.progress import Progress, StageTimer
+from aoprecalc.progress import Note, Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
-from aoprecalc.types import Atlas, Baked, Part, Scene, UvCheck
+from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
 from aoprecalc.uv.gutter import first_unsafe_mip
 from aoprecalc.uv.select import MAX_OVERLAP, choose_atlas
 from aoprecalc.uv.unwrap import needs_uvs
 from aoprecalc.visibility.backend import open_backend
+from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
 from aoprecalc.visibility.projection import auto_shadow_size
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
-_OCCLUDED = 0.01  # a texel below counts as fully occluded: depth maps let a little light through at silhouettes
-_MAX_OCCLUDED_SHARE = 0.01  # of the texels, above which a warning says so
-_MAX_NAMES = 5  # of parts in one warning
+_MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark
+_MIN_INWARDS = 0.02  # of the texels: a warning where as many are dark and face inwards
+_MIN_CAUSE = 0.0005  # of the texels: rarer causes are not told; 0.1% when rounded
+_MANY = 0.5  # of the texels: a warning where as many are enclosed, or face the ground
+_MAX_NAMES = 5  # of parts in one message
 
 
 def bake_scene(
@@ -83,6 +88,7 @@ def bake_scene(
             sides = [
                 _gather_side(setup, side, make_visibility, shadow_size, chunk_size, progress) for side in setup.sides
             ]
+        dark = dark_texels(setup, sides) if any(side.measured.any() for side in sides) else DarkTexels(0.0)
         backend.check_errors()
     if not any(side.measured.any() for side in sides):
         raise UsageError(
@@ -101,13 +107,14 @@ def bake_scene(
         normals=normals,
         directions=max(side.directions for side in sides),
         sampling_error=max((side.error for side in sides if side.error is not None), default=None),
-        occluded_share=_occluded_share(sides, options.width * options.height),
+        dark=dark,
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
         options=_value_options(scene, options),
     )
-    return replace(baked, warnings=_warnings(baked, options, overlap))
+    messages = _messages(baked, options, overlap)
+    return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
 
 
 def _value_options(scene: Scene, options: BakeOptions) -> ValueOptions:
@@ -135,15 +142,6 @@ def _gather_side(
     return gather(setup, side, visibility, chunk_size)
 
 
-def _occluded_share(sides: list[TexelOcclusion], texel_count: int) -> float:
-    """Return the share of the texels with a value, of `texel_count` in the texture, that are occluded on all sides."""
-    measured, lit = np.zeros(texel_count, bool), np.zeros(texel_count, bool)
-    for side in sides:
-        measured[side.texels.index[side.measured]] = True
-        lit[side.texels.index[side.measured & (side.values >= _OCCLUDED)]] = True
-    return float(1 - lit[measured].mean())
-
-
 def _describe_uvs(atlas: Atlas, padding: int) -> str:
     charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
     if atlas.method == "keep":
@@ -153,14 +151,15 @@ def _describe_uvs(atlas: Atlas, padding: int) -> str:
     return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"
 
 
-# Warnings: what the user should know about the texture.
+# Messages: warnings of what may need an action, notes of the rest.
 
 
-def _warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, ...]:
-    """Return one line for each warning; `overlap` is the share of texels whose centre lies inside two faces."""
-    scene, atlas, lines = baked.scene, baked.atlas, _warn_of_materials(baked.scene)
+def _messages(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
+    """Return warnings and notes; `overlap` is the share of texels whose centre lies inside two faces."""
+    scene, atlas = baked.scene, baked.atlas
+    lines: list[str] = [*_notes_on_materials(scene)]
     if baked.directions - 1 == options.directions:
-        lines.append(f"{baked.directions} directions were used instead of {options.directions}, as they come in pairs")
+        lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
     lines += _warn_of_error(baked, options)
     if overlap > MAX_OVERLAP:
         lines.append(f"{overlap:.1%} of texels lie inside two faces of the new UVs and have the value of one of them")
@@ -176,24 +175,28 @@ def _warnings(baked: Baked, options: BakeOptions, overlap: float) -> tuple[str, 
             f"{atlas.charts} charts leave room for gutters of {atlas.gutter} texels only: charts may mix from mip "
             "level 1 on. Use a larger --size for wider gutters."
         )
-    return (*lines, *_warn_of_occluded(baked, options))
+    return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options)]
 
 
-def _warn_of_materials(scene: Scene) -> list[str]:
+def _notes_on_materials(scene: Scene) -> list[Note]:
     transparent = [part.name for part in scene.parts if part.material.transparent and not part.occludes]
     unlit = [part.name for part in scene.parts if part.material.unlit]
     lines = []
     if transparent:
-        lines.append(f"{_list(transparent)} transparent: baked, but not occluding; see --glass-occludes")
+        lines.append(Note(f"{_list(transparent)} transparent: baked, but not occluding; see --glass-occludes"))
     if unlit:
-        lines.append(f"{_list(unlit)} unlit: not baked")
+        lines.append(Note(f"{_list(unlit)} unlit: not baked"))
     return lines
 
 
 def _list(parts: list[str]) -> str:
-    names = ", ".join(repr(name) for name in parts[:_MAX_NAMES])
-    more = f" and {len(parts) - _MAX_NAMES} more" if len(parts) > _MAX_NAMES else ""
-    return f"{len(parts)} part{'s' if len(parts) > 1 else ''} ({names}{more}) {'are' if len(parts) > 1 else 'is'}"
+    names = _shorten([repr(name) for name in parts])
+    return f"{len(parts)} part{'s' if len(parts) > 1 else ''} ({names}) {'are' if len(parts) > 1 else 'is'}"
+
+
+def _shorten(names: list[str]) -> str:
+    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    return ", ".join(names[:_MAX_NAMES]) + more
 
 
 def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
@@ -208,18 +211,68 @@ def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
     ]
 
 
-def _warn_of_occluded(baked: Baked, options: BakeOptions) -> list[str]:
-    if not options.two_sided and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
-        return ["the surface is closed and its faces point inwards: its inside was baked; flip them or use --two-sided"]
-    if baked.occluded_share < _MAX_OCCLUDED_SHARE:
+def _notes_on_ground(baked: Baked) -> list[Note]:
+    alone = _ground_alone(baked)
+    if alone is None:
         return []
-    why = "inside or touching other geometry"
-    if not options.two_sided:
-        why += ", or facing inwards"
-    if baked.scene.ground_normal is not None:
-        why = f"facing the ground, {why}"
-    advice = "" if options.two_sided else " If the mesh is a thin sheet, try --two-sided."
-    return [f"{baked.occluded_share:.1%} of texels are fully occluded ({why}).{advice}"]
+    return [
+        Note(
+            f"the ground alone lowers the mean AO to {alone:.2f}: no light comes from below, so upright walls get at "
+            "most 0.5, and faces that point down 0"
+        )
+    ]
+
+
+def _ground_alone(baked: Baked) -> float | None:
+    """Return the mean AO of the texels if nothing but the ground took light from them; None without a ground.
+
+    It is the mean of (1 + n.u) / 2 with the normals n of the faces and the upward vector u, weighted by their areas in
+    the texture; of (1 + |n.u|) / 2 where a face is two-sided.
+    """
+    scene, atlas = baked.scene, baked.atlas
+    if scene.ground_normal is None:
+        return None
+    upward = geometric_normals(scene, baked.normals) @ np.asarray(scene.ground_normal)
+    upward = np.where(scene.two_sided, np.abs(upward), upward)
+    sides = atlas.uvs[:, 1:] - atlas.uvs[:, :1]
+    areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) * atlas.mapped
+    return float((areas * (1 + upward) / 2).sum() / max(areas.sum(), 1e-30))
+
+
+def _messages_on_dark_texels(baked: Baked, options: BakeOptions) -> list[str]:
+    dark, parts = baked.dark, baked.dark.parts
+    if not options.two_sided and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
+        return ["the mesh is closed and its faces point inwards: its inside was baked; flip the faces, or --two-sided"]
+    if dark.share < _MIN_DARK:
+        return []
+    inwards = _shorten([f"{part.name!r}: {part.inwards:.0%}" for part in parts if part.inwards >= part.inside])
+    enclosed = _shorten([f"{part.name!r}: {part.inside:.0%}" for part in parts if part.inside > part.inwards])
+    causes = [
+        (dark.inside, "enclosed, as inside another part or touching one" + (f" ({enclosed})" if enclosed else "")),
+        (dark.inwards, "facing inwards" + (f" ({inwards})" if inwards else "")),
+        (dark.on_ground, "resting on the ground"),
+        (dark.above_ground, "facing the ground"),
+        (dark.narrow, "in narrow gaps"),
+    ]
+    found = [(share, cause) for share, cause in causes if share >= _MIN_CAUSE]
+    told = ", ".join(f"{share:.1%} {cause}" if len(found) > 1 else cause for share, cause in found)
+    lines: list[str] = [Note(f"{dark.share:.1%} of texels are dark (AO below 0.01){f': {told}' if told else ''}")]
+    if dark.inwards >= _MIN_INWARDS and not options.two_sided:
+        lines.append(
+            f"{dark.inwards:.1%} of texels face inwards: the front of their faces is enclosed, only the back sees out"
+            f"{f' ({inwards})' if inwards else ''}; flip these faces, or use --two-sided"
+        )
+    if dark.inside >= _MANY:
+        lines.append(
+            f"{dark.inside:.1%} of texels are enclosed: if a part surrounds the others, such as a sky or a room, leave "
+            "it out with --exclude"
+        )
+    if dark.on_ground + dark.above_ground >= _MANY:
+        lines.append(
+            f"{dark.on_ground + dark.above_ground:.1%} of texels face the ground: if another axis points up, name it "
+            "with --up"
+        )
+    return lines
 
 
 def _signed_volume(baked: Baked) -> float:
@@ -239,13 +292,13 @@ def bake_report(
     outputs: BakeOutputs,
     verified: TextureErrors | None,
     seconds: dict[str, float],
-    warnings: tuple[str, ...],
+    messages: tuple[str, ...],
 ) -> BakeReport:
     """Return the report of a bake; only `seconds` differs between equal runs."""
     scene, atlas, texture = baked.scene, baked.atlas, baked.texture
     mesh = topology(scene.faces)
     values = texture.values[texture.valid]
-    valid = int(np.count_nonzero(texture.valid))
+    valid, alone = int(np.count_nonzero(texture.valid)), _ground_alone(baked)
     return BakeReport(
         input=InputMesh(
             str(scene.path), len(scene.faces), len(scene.positions), mesh.components, watertight=mesh.watertight
@@ -274,12 +327,24 @@ def bake_report(
             mean=round(float(values.mean(dtype=np.float64)), 6),
             min=round(float(values.min()), 6),
             max=round(float(values.max()), 6),
-            unseen_share=round(baked.occluded_share, 6),
+            unseen_share=round(baked.dark.share, 6),
+            ground_alone=None if alone is None else round(alone, 6),
         ),
+        dark=_dark_texel_shares(baked.dark),
         verify=None if verified is None else RayTracedErrors.of(verified),
         seconds=seconds,
-        warnings=warnings,
+        warnings=warnings_of(messages),
+        notes=notes_of(messages),
     )
+
+
+def _dark_texel_shares(dark: DarkTexels) -> DarkTexelShares | None:
+    if not dark.samples:
+        return None
+    names = ("inside", "inwards", "on_ground", "above_ground", "narrow")
+    shares = {name: round(getattr(dark, name), 6) for name in names}
+    parts = tuple(DarkPartShares(part.name, round(part.inside, 6), round(part.inwards, 6)) for part in dark.parts)
+    return DarkTexelShares(**shares, parts=parts, samples=dark.samples)
 
 
 def _part_roles(part: Part) -> PartRoles:

@@ -227,6 +227,7 @@ class BakedMesh(Mesh):
             normals=baked.normals,
             document=None,
             warnings=(),
+            notes=(),
             ground_normal=None,
         )
         return cls._of(own, mesh.vertices, mesh.faces, mesh.name, baked.texture.values, baked.options)

@@ -192,12 +192,48 @@ class TexelCounts(Report):
 
 @dataclass(frozen=True)
 class OcclusionStatistics(Report):
-    """Over the texels that have a value: 1 is open. `unseen_share` of them are fully occluded (below 0.01)."""
+    """Over the texels that have a value: 1 is open.
+
+    unseen_share   share of them that are dark: below 0.01
+    ground_alone   mean if nothing but the ground took light; None without a ground
+    """
 
     mean: float
     min: float
     max: float
     unseen_share: float
+    ground_alone: float | None
+
+
+@dataclass(frozen=True)
+class DarkPartShares(Report):
+    """A part of which at least half is enclosed, or faces inwards: shares of its own texels, 0 to 1."""
+
+    name: str
+    inside: float
+    inwards: float
+
+
+@dataclass(frozen=True)
+class DarkTexelShares(Report):
+    """What keeps the light from the dark texels, AO below 0.01: shares of the texels that have a value, 0 to 1.
+
+    inside         enclosed: neither side sees out, as inside another part or where parts touch
+    inwards        only the back of the face sees out: flip these faces, or bake two-sided
+    on_ground      facing the ground and resting on it
+    above_ground   facing the ground, from above it
+    narrow         in a gap or hollow out of which less than 1% is seen
+    parts          those of which at least half is enclosed or faces inwards
+    samples        how many dark texels were looked at, by rays; the shares are estimated from them
+    """
+
+    inside: float
+    inwards: float
+    on_ground: float
+    above_ground: float
+    narrow: float
+    parts: tuple[DarkPartShares, ...]
+    samples: int
 
 
 @dataclass(frozen=True)
@@ -226,10 +262,15 @@ class BakeReport(Document):
     unwrap : Unwrapping
     texels : TexelCounts
     ao : OcclusionStatistics
+    dark : DarkTexelShares or None
+        What keeps the light from the dark texels; None where less than 1% is dark.
     verify : RayTracedErrors or None
     seconds : dict of str to float
         Per stage, and ``"total"``.
     warnings : tuple of str
+        What may need an action.
+    notes : tuple of str
+        Other lines about the result.
     """
 
     schema: int = field(default=SCHEMAS["bake"], kw_only=True)
@@ -247,9 +288,11 @@ class BakeReport(Document):
     unwrap: Unwrapping
     texels: TexelCounts
     ao: OcclusionStatistics
+    dark: DarkTexelShares | None
     verify: RayTracedErrors | None
     seconds: dict[str, float]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def error(self) -> float | None:

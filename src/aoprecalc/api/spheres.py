@@ -17,7 +17,7 @@ from aoprecalc.io import Outputs, load_scene, numbers, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
 from aoprecalc.options import SphereOptions
-from aoprecalc.progress import Progress
+from aoprecalc.progress import Progress, tell
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.types import Float64Array, Scene, SphereSet
 
@@ -286,8 +286,7 @@ def _measure(
 
 
 def _warn(scene: Scene, progress: Progress) -> None:
-    for line in scene.warnings:
-        progress.warn(line)
+    tell(progress, (*scene.notes, *scene.warnings))
 
 
 def _sphere_path(output: str | PathLike[str] | None, stem: str, *, has_levels: bool) -> Path:

@@ -19,7 +19,7 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         """Start the clock."""
-        self._quiet, self._verbose = quiet, verbose
+        self._quiet, self._verbose = quiet, verbose and not quiet
         self._total, self._counts = 0, dict[str, int]()
         self._running: dict[str, tuple[str, float]] = {}  # name -> stage, when it started
         self._live: Any = None
@@ -58,24 +58,23 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
         if result.status == "failed" or (self._live is None and result.status in ("made", "cached")):
             done = sum(self._counts.values())
             head = f"[{done:>{len(str(self._total))}}/{self._total}] {result.status:<7} {result.seconds:6.1f} s"
-            self._say(_printable(f"{head}  {result.asset.name}"))
+            self.note(f"{head}  {result.asset.name}")
             if self._verbose and result.failure is not None and result.failure.details:
                 self._say(result.failure.details.rstrip())
-            if self._verbose:
-                for warning in (result.summary or {}).get("warnings", ()):
-                    self._say(_printable(f"  warning: {warning}"))
+        if result.status in ("made", "cached"):
+            for line in (result.summary or {}).get("warnings", ()):
+                self.warn(f"{result.asset.name}: {line}")
 
     def note(self, text: str) -> None:
-        """Print a line."""
-        self._say(_printable(text))
+        """Print a line, unless quiet."""
+        if not self._quiet:
+            self._say(_printable(text))
 
     def warn(self, text: str) -> None:
         """Print a warning."""
-        self._say(f"warning: {text}")
+        self._say(_printable(f"warning: {text}"))
 
     def _say(self, text: str) -> None:
-        if self._quiet:
-            return
         if self._live is not None:
             self._live.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:

@@ -29,7 +29,7 @@ def _escaped(text: str) -> str:
 
 
 class Console(Progress):
-    """Prints warnings and notes unless quiet; shows progress bars if stderr is a terminal."""
+    """Prints warnings, and notes unless quiet; shows progress bars if stderr is a terminal."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         """Print nothing yet."""
@@ -65,16 +65,15 @@ class Console(Progress):
             self._bar.update(self._task, step=text)
 
     def note(self, text: str) -> None:
-        """Print a note."""
-        self._say(text)
+        """Print a note, unless quiet."""
+        if not self._quiet:
+            self._say(text)
 
     def warn(self, text: str) -> None:
         """Print a warning."""
         self._say(f"warning: {text}")
 
     def _say(self, line: str) -> None:
-        if self._quiet:
-            return
         if self._bar is not None:  # above the bar, not through it
             self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:

@@ -131,7 +131,7 @@ def output_options(command: Declared) -> Declared:
             group="Run",
             help="Print the seconds of each stage; add tracebacks to errors.",
         ),
-        option("-q", "--quiet", is_flag=True, group="Run", help="Print nothing but results and errors."),
+        option("-q", "--quiet", is_flag=True, group="Run", help="Print nothing but results, warnings and errors."),
         option("--json", "as_json", is_flag=True, group="Output", help="Print the result as JSON on standard output."),
     ):
         command = add(command)

@@ -172,7 +172,7 @@ def write_baked_mesh(
     pack: Pack = "none",
     options: ValueOptions | None = None,
 ) -> tuple[str, ...]:
-    """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension; return warnings.
+    """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension; return messages.
 
     outputs        receives all files: the mesh and what belongs to it (.mtl, .bin, copies of images)
     normals        (f, 3, 3) float32, unit length: the shading normals that were used
@@ -189,10 +189,10 @@ def write_baked_mesh(
     path, source = Path(mesh_path), _scene_format(scene)
     mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options)
     try:
-        warnings = format_of(path).write_with_ao(outputs, path, mesh)
+        messages = format_of(path).write_with_ao(outputs, path, mesh)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
-    return (*warnings, *([f"{path}: {source.name} was read without {source.not_read}"] if source.not_read else []))
+    return (*messages, *([f"{path}: {source.name} was read without {source.not_read}"] if source.not_read else []))
 
 
 # The occlusion texture of a mesh.

@@ -263,6 +263,7 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
             others=tuple(Path(other).name for other in outputs.others),
         ),
         warnings=tuple(_with_user_paths(job, job.mesh.name, line) for line in report.warnings),
+        notes=tuple(_with_user_paths(job, job.mesh.name, line) for line in report.notes),
     )
 
 

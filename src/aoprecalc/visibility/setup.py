@@ -144,13 +144,17 @@ class BakeSetup:
         self.sides = [SurfaceSide(NormalizedSurface.from_scene(scene, inputs.normals), self.texels, None)]
         two_sided = scene.two_sided & scene.receives
         if two_sided.any() and len(self.texels):
-            face = self._rasterizer.samples(self.texels, CENTER).faces
+            face = self.center_samples(self.texels).faces
             texels = self.texels.select((face < 0) | two_sided[face])
             self.sides.append(SurfaceSide(self.sides[0].surface.flipped(), texels, two_sided))
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
         return self._rasterizer.overlap()
+
+    def center_samples(self, texels: Texels) -> Samples:
+        """Return the surface samples at the centres of any of the covered texels."""
+        return self._rasterizer.samples(texels, CENTER)
 
     def samples(self, side: SurfaceSide, chunk: slice, group: int) -> Samples:
         """Return the surface samples of a chunk of a side's texels, at the texel offset of a group of axes."""

@@ -132,7 +132,7 @@ class MeshFormat(ABC):
         return ".glb", f"{self.name} holds no UVs, so the mesh becomes a GLB"
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
-        """Write a scene of any format with the UVs, normals and texture of its bake; return warnings."""
+        """Write a scene of any format with the UVs, normals and texture of its bake; return warnings and notes."""
         raise NotImplementedError(f"{self.name} is not written")
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.normals import face_normals, normalize
 from aoprecalc.mesh.topology import unique_rows
+from aoprecalc.progress import Note, notes_of, warnings_of
 from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 
 
@@ -63,7 +64,7 @@ def build_scene(
     file_format: str,
     pieces: Sequence[MeshPiece],
     document: object = None,
-    warnings: Sequence[str] = (),
+    messages: Sequence[str] = (),
     *,
     label: str | None = None,
 ) -> Scene:
@@ -71,7 +72,7 @@ def build_scene(
 
     file_format   becomes Scene.format
     document      becomes Scene.document
-    warnings      of the reader
+    messages      of the reader: warnings, and each Note among them
     label         the start of error messages; None: the path
 
     Raises InputError if there are no faces, if none has area, if a face refers to a vertex that does not exist or if
@@ -88,25 +89,26 @@ def build_scene(
 
     positions, faces = _weld(pieces_with_faces)
     _check_positions(label, positions)
-    warnings = list(warnings)
+    messages = list(messages)
     flat_normals, has_area = face_normals(positions[faces])
     if not has_area.any():
         raise InputError(
             f"{label}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
         )
     if not has_area.all():
-        warnings.append(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped")
+        messages.append(Note(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped"))
 
     return Scene(
         path=path,
         format=file_format,
         positions=positions,
         faces=faces.astype(np.int32),
-        normals=_gather_normals(pieces_with_faces, flat_normals, warnings),
-        uv_sets=_gather_uv_sets(pieces_with_faces, warnings),
+        normals=_gather_normals(pieces_with_faces, flat_normals, messages),
+        uv_sets=_gather_uv_sets(pieces_with_faces, messages),
         parts=_parts(pieces_with_faces),
         document=document,
-        warnings=tuple(warnings),
+        warnings=warnings_of(messages),
+        notes=notes_of(messages),
     )
 
 
@@ -140,7 +142,7 @@ def _check_positions(label: str, positions: Float64Array) -> None:
 
 
 def _gather_normals(
-    pieces: Sequence[MeshPiece], face_normals: Float64Array, warnings: list[str]
+    pieces: Sequence[MeshPiece], face_normals: Float64Array, messages: list[str]
 ) -> Float32Array | None:
     """Return (f, 3, 3) unit normals at the corners; None if some part has none or no normal is usable."""
     with_normals = [piece.normals for piece in pieces if piece.normals is not None]
@@ -148,8 +150,9 @@ def _gather_normals(
         return None
     if len(with_normals) < len(pieces):
         missing = len(pieces) - len(with_normals)
-        warnings.append(
-            f"{missing} of {len(pieces)} parts have no normals, so the normals of the other parts are not used"
+        messages.append(
+            f"{missing} of {len(pieces)} parts have no normals, so those of the others are not used either: all are "
+            "computed from the faces; export all parts with normals to keep them"
         )
         return None
 
@@ -157,12 +160,14 @@ def _gather_normals(
     largest = np.abs(normals).max(axis=2, keepdims=True)
     usable = np.asarray((np.isfinite(largest) & (largest > 0))[:, :, 0])
     if not usable.any():
-        warnings.append("all normals of the file are zero or not finite and are not used")
+        messages.append(Note("all normals of the file are zero or not finite: they are computed from the faces"))
         return None
     if not usable.all():
-        warnings.append(
-            f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
-            "the normal of their face is used there"
+        messages.append(
+            Note(
+                f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
+                "the normal of their face is used there"
+            )
         )
         normals = np.where(usable[:, :, None], normals, face_normals[:, None])
         largest = np.abs(normals).max(axis=2, keepdims=True)
@@ -170,7 +175,7 @@ def _gather_normals(
     return normalize(normals).astype(np.float32)
 
 
-def _gather_uv_sets(pieces: Sequence[MeshPiece], warnings: list[str]) -> tuple[Float64Array, ...]:
+def _gather_uv_sets(pieces: Sequence[MeshPiece], messages: list[str]) -> tuple[Float64Array, ...]:
     """Return the UV sets of all faces, each (f, 3, 2) float64; (0, 0) where the file has no UVs."""
     sets = []
     for index in range(max(len(piece.uv_sets) for piece in pieces)):
@@ -180,7 +185,7 @@ def _gather_uv_sets(pieces: Sequence[MeshPiece], warnings: list[str]) -> tuple[F
         usable = np.asarray((np.abs(uvs) <= _MAX_UV).all(axis=2))  # False for NaN
         incomplete = np.count_nonzero(has_set & ~usable.all(axis=1))
         if incomplete and index == 0:
-            warnings.append(f"{incomplete} of {len(uvs)} faces lack usable UVs")
+            messages.append(f"{incomplete} of {len(uvs)} faces lack usable UVs")
         sets.append(np.where(usable[:, :, None], uvs, 0.0))
     return tuple(sets)
 

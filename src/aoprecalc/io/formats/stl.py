@@ -44,8 +44,8 @@ class StlFormat(MeshFormat):
         faces, size = _binary_size(data)
         if len(data) < max(size, _HEADER_BYTES):
             raise damaged_file(path, f"{faces} faces in {size} bytes were expected, but it has {len(data)} bytes")
-        warnings = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
-        return build_scene(path, "stl", _read_binary(data[:size]), warnings=warnings)
+        messages = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
+        return build_scene(path, "stl", _read_binary(data[:size]), messages=messages)
 
 
 def _binary_size(data: bytes) -> tuple[int, int]:

@@ -13,6 +13,7 @@ from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values,
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, PrimitiveKey
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource
 from aoprecalc.mesh.topology import corners_to_vertices
+from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
 # Viewers need to support TEXCOORD_0 and TEXCOORD_1 only.
@@ -33,7 +34,7 @@ def edit_document(
     byte by byte. Instances of a mesh with separate UV regions become separate meshes. Where the file's own UVs and
     normals were used, no vertex changes.
 
-    Returns (json, buffer, texcoords, warnings); `texcoords` is (mesh, primitive) -> the n of its TEXCOORD_n.
+    Returns (json, buffer, texcoords, messages); `texcoords` is (mesh, primitive) -> the n of its TEXCOORD_n.
     """
     json = deepcopy(document.json)
     receiving = [part if part.receives else None for part in scene.parts]
@@ -43,7 +44,7 @@ def edit_document(
         name = f"TEXCOORD_{atlas.uv_set}"
         texcoords = {key: atlas.uv_set for key in keys.values() if name in _primitive(json, key)["attributes"]}
         buffer = _carry_views(document, json, set(), set())
-        return json, buffer, texcoords, _warnings(document, json, scene, texcoords, ())
+        return json, buffer, texcoords, _messages(document, json, scene, texcoords, ())
 
     uv_owners = [scene.parts[part.uv_owner] if part.uv_owner is not None else part for part in scene.parts]
     owners = [owner if owner.receives else None for owner in uv_owners]
@@ -72,29 +73,29 @@ def edit_document(
             f"TEXCOORD_{free_set}",
         )
         json["meshes"][key[0]]["primitives"][key[1]] = primitive
-    return json, buffer, texcoords, _warnings(document, json, scene, texcoords, list(originals.values()))
+    return json, buffer, texcoords, _messages(document, json, scene, texcoords, list(originals.values()))
 
 
-def _warnings(
+def _messages(
     document: GltfDocument, json: Json, scene: Scene, texcoords: dict[PrimitiveKey, int], rewritten: Collection[Json]
 ) -> tuple[str, ...]:
-    """Return warnings about duplicated meshes, UV sets that viewers may ignore and extensions that may be invalid now.
+    """Return a note on duplicated meshes, and warnings of UV sets that viewers may ignore and of doubtful extensions.
 
     rewritten   the original primitives whose vertices were replaced
     """
-    warnings = list[str]()
+    messages = list[str]()
     more_meshes = len(json["meshes"]) - len(document.json["meshes"])
     if more_meshes:
         shared = any(part.uv_owner is not None for part in scene.parts)
         hint = "" if shared else " (--instances share keeps them together)"
-        warnings.append(f"{more_meshes} instances became separate meshes{hint}")
+        messages.append(Note(f"{more_meshes} instances became separate meshes{hint}"))
     beyond = sum(number >= _PORTABLE_UV_SETS for number in texcoords.values())
     if beyond:
-        warnings.append(f"{beyond} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
+        messages.append(f"{beyond} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
     unknown = {name for primitive in rewritten for name in primitive.get("extensions", {})} - _VERTEX_INDEPENDENT
     if unknown:
-        warnings.append(f"primitives have {', '.join(sorted(unknown))}, which may refer to vertices that were replaced")
-    return tuple(warnings)
+        messages.append(f"primitives have {', '.join(sorted(unknown))}, which may refer to vertices that were replaced")
+    return tuple(messages)
 
 
 def _rewrite(

@@ -14,6 +14,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import add_entry
 from aoprecalc.io.images import png_bytes, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
+from aoprecalc.progress import Note
 
 REPEAT, CLAMP_TO_EDGE = 10497, 33071
 LINEAR, LINEAR_MIPMAP_LINEAR = 9729, 9987
@@ -29,7 +30,7 @@ _MIME_TYPES = {
 
 def add_texture(
     outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, texture: Path, text: str, *, repeats: bool
-) -> tuple[int, tuple[str, ...]]:
+) -> tuple[int, tuple[Note, ...]]:
     """Add the baked texture to the document that will be at `path`: embedded in a GLB, else by a relative URI.
 
     A format that glTF does not allow (EXR, TIFF ...) is converted to an 8-bit PNG, beside the document or in the GLB.
@@ -37,20 +38,20 @@ def add_texture(
     text      that the converted PNG carries
     repeats   its UVs extend beyond [0, 1]
 
-    Returns the index of the new texture, and warnings.
+    Returns the index of the new texture, and a note on a conversion.
     """
-    warnings: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     data = outputs.written(texture).read_bytes()
     if _mime_type(data) not in ("image/png", "image/jpeg"):
         data = png_bytes(read_image(outputs.written(texture)), text)
-        warnings = (f"{path}: glTF allows no {texture.suffix} images; it gets a copy as 8-bit PNG",)
+        notes = (Note(f"{path}: glTF allows no {texture.suffix} images; it gets a copy as 8-bit PNG"),)
         texture = next(_candidates(outputs, texture.with_suffix(".png")))
         if not _embeds(path):
             outputs.path(texture).write_bytes(data)
     image = add_entry(document, "images", _image(path, buffer, texture, data))
     wrap = REPEAT if repeats else CLAMP_TO_EDGE
     sampler = {"magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": wrap, "wrapT": wrap}
-    return _add_texture(document, image, sampler), warnings
+    return _add_texture(document, image, sampler), notes
 
 
 def add_orm_textures(

@@ -17,6 +17,7 @@ from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_image
 from aoprecalc.io.formats.gltf.reader import PrimitiveSource
 from aoprecalc.io.images import png_bytes
 from aoprecalc.options import ValueOptions
+from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
@@ -31,7 +32,7 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     texcoords   (mesh, primitive) -> the n of the TEXCOORD_n for its occlusion texture
 
     A material that other primitives use unchanged, or with another TEXCOORD_n, is copied; a primitive without material
-    gets one. Unlit materials stay as they are. Returns index of a material -> its n, and a warning about occlusion
+    gets one. Unlit materials stay as they are. Returns index of a material -> its n, and a note on occlusion
     textures that will be replaced.
     """
     materials: list[Json] = document.get("materials", [])
@@ -55,8 +56,8 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     if materials:  # the schema forbids empty lists
         document["materials"] = materials
     replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
-    warnings = (f"the occlusion textures of {replaced} materials were replaced",) if replaced else ()
-    return {made[key]: key[1] for key in made}, warnings
+    notes = (Note(f"the occlusion textures of {replaced} materials were replaced"),) if replaced else ()
+    return {made[key]: key[1] for key in made}, notes
 
 
 def replaced_references(

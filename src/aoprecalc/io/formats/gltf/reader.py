@@ -16,6 +16,7 @@ from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_materia
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
 from aoprecalc.mesh.normals import face_normals
+from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
@@ -143,18 +144,19 @@ def read_gltf(path: Path, data: bytes) -> Scene:
                 for matrix in _transforms(document, node, primitive, nodes, number):
                     source = PrimitiveSource(number, node["mesh"], index, matrix[..., :3, :3])
                     pieces.append(_piece(document, own_name, names, shape, matrix, source, material))
-    warnings = [f"{skipped} primitives of points or lines are not baked"] if skipped else []
-    warnings += [*materials.warnings, *_warnings(document.json)]
-    scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, warnings)
+    messages: list[str] = [*materials.warnings, *_messages(document.json)]
+    if skipped:
+        messages.append(Note(f"{skipped} primitive{'s' if skipped > 1 else ''} of points or lines: not baked"))
+    scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
     return replace(scene, parts=_instances(scene.parts))
 
 
-def _warnings(json: Json) -> Iterator[str]:
-    """Yield warnings about what is not read."""
+def _messages(json: Json) -> Iterator[str]:
+    """Yield warnings and notes about what is not read."""
     scenes = json.get("scenes", [])
     if len(scenes) > 1:
         shown = json.get("scene", 0)
-        yield f"the file has {len(scenes)} scenes; the one that it shows (index {shown}) is baked"
+        yield Note(f"the file has {len(scenes)} scenes; the one that it shows (index {shown}) is baked")
     if unknown := unknown_extensions(json.get("extensionsRequired", [])):
         yield f"the file requires {', '.join(unknown)}, which is not supported and has no effect on the bake"
 

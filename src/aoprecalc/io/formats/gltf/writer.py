@@ -123,41 +123,41 @@ def _valid_unicode(name: str) -> str:
 
 
 def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
-    """Write a .gltf or .glb with the texture as occlusion texture; return warnings.
+    """Write a .gltf or .glb with the texture as occlusion texture; return warnings and notes.
 
     The document of a glTF source is otherwise kept. A scene from another format gets a new document, in which the
     texture is also the base colour of materials that have no texture of their own.
     """
     scene, atlas, texture = mesh.scene, mesh.atlas, mesh.texture
     is_new = not isinstance(scene.document, GltfDocument)
-    warnings = list[str]()
+    messages = list[str]()
     if isinstance(scene.document, GltfDocument):
         document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals)
-        warnings += notes
+        messages += notes
     else:
         document, buffer, texcoords = new_document(scene, atlas, mesh.normals)
     materials, notes = own_materials(document, texcoords)
-    warnings += notes
+    messages += notes
     text, packed = options_text(mesh.options), dict[int, OrmImage]()
     if mesh.pack == "orm":
         so_far = GltfDocument(scene.path, document, (buffer.data,))
         packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)
-        warnings += notes
+        messages += notes
 
     extras = occlusion_extras(document, materials, mesh.options)
     release_references(document, buffer, replaced_references(document, materials, packed))
-    warnings += carry_images(outputs, path, document, buffer, scene.path)
+    messages += carry_images(outputs, path, document, buffer, scene.path)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
     if len(textures) < len(materials):
         number, notes = add_texture(outputs, path, document, buffer, texture, text, repeats=atlas.repeats)
-        warnings += notes
+        messages += notes
         textures = dict.fromkeys(materials, number) | textures
         if is_new:
             show_texture(document, texcoords, number)
     assign_textures(document, materials, textures, packed, extras)
     compact(document)
     _write(outputs, path, document, buffer.data)
-    return tuple(warnings)
+    return tuple(messages)
 
 
 def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:

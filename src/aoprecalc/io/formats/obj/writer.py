@@ -22,6 +22,7 @@ from aoprecalc.io.formats.obj.reader import ObjDocument, statement
 from aoprecalc.io.formats.polygons import OutputFaces
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
+from aoprecalc.progress import Note
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
 
 _WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
@@ -56,7 +57,7 @@ def library_lines(
     if not lost:
         return lines, ()
     if kept:
-        return lines, (f"the ambient textures (map_Ka) of {lost} materials were replaced",)
+        return lines, (Note(f"the ambient textures (map_Ka) of {lost} materials were replaced"),)
     return lines, (f"{target}: an MTL holds one set of UVs; the other textures of its materials are left out",)
 
 
