@@ -27,9 +27,8 @@ from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
-from aoprecalc.uv.gutter import first_unsafe_mip
 from aoprecalc.uv.select import MAX_OVERLAP, choose_atlas
-from aoprecalc.uv.unwrap import needs_uvs
+from aoprecalc.uv.unwrap import first_unsafe_mip, needs_uvs
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather

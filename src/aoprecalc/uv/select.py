@@ -13,8 +13,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
 from aoprecalc.raster.samples import Rasterizer
 from aoprecalc.types import Atlas, Scene, UvCheck
-from aoprecalc.uv.gutter import doubled_uv_areas
-from aoprecalc.uv.unwrap import needs_uvs, unwrap
+from aoprecalc.uv.unwrap import doubled_uv_areas, needs_uvs, unwrap
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
 Unwrapper = Literal["xatlas", "uvunwrap"]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.subprocesses import FIRST_STEP, POLL_SECONDS, end_with_parent, report_step
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
-from aoprecalc.uv.gutter import MIN_GUTTER, area_and_perimeter, choose_gutter, fitting_scale
+from aoprecalc.uv.unwrap import MIN_GUTTER, area_and_perimeter, choose_gutter, fitting_scale
 
 # xatlas: search for the greatest scale at which the charts fit one page.
 _MAX_PACKINGS = 12
