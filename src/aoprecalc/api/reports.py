@@ -251,7 +251,8 @@ class BakeReport(Document):
     directions : int
         Light directions used.
     estimated_error : float or None
-        Estimated RMS sampling error of a texel, in units of ambient occlusion; None up to 128 directions.
+        Estimated RMS sampling error of a texel, in units of ambient occlusion, from the difference of two halves of
+        the directions; None up to 128 of them. What the texture's resolution adds at chart borders is not in it.
     sampling : {"fibonacci", "random"}
     options : ValueOptions
         The options that define the value.
@@ -266,7 +267,7 @@ class BakeReport(Document):
         What keeps the light from the dark texels; None where less than 1% is dark.
     verify : RayTracedErrors or None
     seconds : dict of str to float
-        Per stage, and ``"total"``.
+        Per stage (load, unwrap, visibility, finish, write, verify), and ``"total"``.
     warnings : tuple of str
         What may need an action.
     notes : tuple of str
@@ -316,7 +317,8 @@ class SphereQuality(Report):
     coverage : float
         Share of the samples inside some sphere, 0 to 1.
     silhouette_iou, silhouette_iou_min : float
-        Intersection over union of the silhouettes of mesh and spheres, 0 to 1: mean and worst of 32 views.
+        Intersection over union of the silhouettes of mesh and spheres, 0 to 1: mean and worst of 32 views that no
+        fit uses, of 256 x 256 pixels.
     leak, spill, area_bias : float or None
         Mesh silhouette not covered by spheres, sphere silhouette outside the mesh's, and silhouette area of the
         spheres less the mesh's, all over the area of the mesh's; None for a mesh too thin to cover a pixel.

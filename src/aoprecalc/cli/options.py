@@ -39,10 +39,10 @@ _PATHS = {"PATH": FILE, "FILE": FILE, "DIR": PathType("dir")}  # the type of an 
 
 
 class CliOption(click.Option):
-    """An option with a group in `--help` and a longer text in the README.
+    """An option with a group in `--help` and a longer text in the documentation.
 
     group   heading in `--help`
-    more    what the README adds to the help
+    more    what the documentation adds to the help
     shown   the default in words, where no value says it
     """
 
