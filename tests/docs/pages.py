@@ -32,8 +32,7 @@ class Block:
 def pages() -> list[str]:
     """Return README.md and all pages of the site, as paths from the root."""
     site = sorted((ROOT / "docs").rglob("*.md"))
-    readme = ["README.md"] if (ROOT / "README.md").stat().st_size <= 8192 else []  # the old one has no languages
-    return [*readme, *(page.relative_to(ROOT).as_posix() for page in site if "_build" not in page.parts)]
+    return ["README.md", *(page.relative_to(ROOT).as_posix() for page in site if "_build" not in page.parts)]
 
 
 def blocks_of(page: str) -> list[Block]:
