@@ -2,8 +2,8 @@
 
     python docs/sample_meshes.py [FOLDER]
 
-Writes statue.obj, car.glb, rock.glb (y up), robot.stl (z up), and assets/ with a few of the same for batches. Needs Pillow,
-as trimesh does for textures.
+Writes statue.obj, car.glb, rock.glb (y up), robot.stl (z up), and assets/ with a few of the same for batches. Needs
+Pillow, as trimesh does for textures.
 """
 
 import argparse
@@ -91,7 +91,9 @@ def car() -> trimesh.Scene:
         low = np.where(reach > 0, WHEEL_RADIUS + np.sqrt(np.maximum(0, reach)), low)
     body = strip(low, high, along, WIDTH)
     # Paint that repeats along the car: these UVs overlap, as those of many assets do.
-    body = trimesh.Trimesh(body.vertices[body.faces].reshape(-1, 3), np.arange(3 * len(body.faces)).reshape(-1, 3), process=False)
+    body = trimesh.Trimesh(
+        body.vertices[body.faces].reshape(-1, 3), np.arange(3 * len(body.faces)).reshape(-1, 3), process=False
+    )
     stripes = np.full((64, 64, 3), (205, 70, 50), np.uint8)
     stripes[26:32] = stripes[36:38] = (240, 235, 225)
     uv = body.vertices[:, [0, 1]] * (0.5, 0.7)
@@ -101,7 +103,9 @@ def car() -> trimesh.Scene:
     panes = []
     for left, side in ((-0.35, 1), (0.22, 1), (-0.35, -1), (0.22, -1)):
         x, z = (left, left + 0.5)[::side], side * (WIDTH + 0.01)
-        panes.append(trimesh.Trimesh([(x[0], 1.0, z), (x[1], 1.0, z), (x[1], 1.34, z), (x[0], 1.34, z)], [(0, 1, 2), (0, 2, 3)]))
+        panes.append(
+            trimesh.Trimesh([(x[0], 1.0, z), (x[1], 1.0, z), (x[1], 1.34, z), (x[0], 1.34, z)], [(0, 1, 2), (0, 2, 3)])
+        )
     glass = trimesh.util.concatenate(panes)
     glass.visual = TextureVisuals(material=looks("glass", (170, 200, 215, 110), 0.1, alphaMode="BLEND"))
 
