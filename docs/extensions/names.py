@@ -1,4 +1,4 @@
-"""Names in single backquotes in docstrings: a link where the name is a public one, else code."""
+"""Docstrings: names in single backquotes are links where they are public, else code; results have no signatures."""
 
 from typing import Any
 
@@ -34,7 +34,18 @@ def _name_role(
     return [pending_xref(rawtext, code, refdomain="py", reftype="obj", reftarget=target, refwarn=True)], []
 
 
+def _signature(
+    app: Sphinx, what: str, name: str, value: object, options: object, arguments: str | None, returned: str | None
+) -> tuple[str, None] | None:
+    """Return no arguments for a class that only functions make: its docstring tells attributes, but no parameters."""
+    text = value.__doc__ or ""
+    made = what == "class" and "Attributes\n" in text and "Parameters\n" not in text
+    return ("", None) if made else None
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Add the role `name`, which `conf.py` makes the default one."""
+    app.setup_extension("sphinx.ext.autodoc")
     app.add_role("name", _name_role)
+    app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
