@@ -1,6 +1,7 @@
 """What commands print on stderr while they work: progress, notes, warnings, and annotations for GitHub workflows."""
 
 import os
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -22,6 +23,11 @@ def annotate(level: str, message: str, *, file: Path | None = None) -> None:
         return
     where = f" file={_escaped(str(file)).replace(':', '%3A').replace(',', '%2C')}" if file is not None else ""
     click.echo(f"::{level}{where}::{_escaped(message)}", err=True)
+
+
+def without_controls(text: str) -> str:
+    """Return a text with ? for control characters: names in files may hold any, and steer a terminal."""
+    return re.sub(r"[\x00-\x1f\x7f-\x9f]", "?", text)
 
 
 def _escaped(text: str) -> str:
@@ -74,6 +80,7 @@ class Console(Progress):
         self._say(f"warning: {text}")
 
     def _say(self, line: str) -> None:
+        line = without_controls(line)
         if self._bar is not None:  # above the bar, not through it
             self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:

@@ -15,7 +15,7 @@ from aoprecalc.cli.batch import batch
 from aoprecalc.cli.cache import cache
 from aoprecalc.cli.compare import compare
 from aoprecalc.cli.completion import VARIABLE, completion
-from aoprecalc.cli.console import annotate
+from aoprecalc.cli.console import annotate, without_controls
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
@@ -103,7 +103,7 @@ def _fail(message: str, code: int, error: BaseException) -> None:
     verbose = any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:])
     if verbose and not isinstance(error, AnswerError):
         traceback.print_exception(error)
-    line = " ".join(message.split())
+    line = without_controls(" ".join(message.split()))
     click.echo(f"error: {line}", err=True)
     annotate("error", line)
     sys.exit(code)

@@ -41,6 +41,7 @@ IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
 _DATED = (".exr", ".tif", ".tiff")
 _FIXED_DATE = "1970:01:01 00:00:00"
 
+MAX_SIDE = 32_768  # pixels; a file of half a megabyte may hold more than fit into memory
 MAX_TEXT = 16_384  # characters; JPEG holds fewer than 65,536 bytes
 
 _TEXT, _DESCRIPTION = "aoprecalc", "ImageDescription"
@@ -147,6 +148,11 @@ def read_pixels(path: str | PathLike[str]) -> Float32Array:
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     buffer = OpenImageIO.ImageBuf(str(path), 0, 0, config)
+    width, height = buffer.spec().width, buffer.spec().height
+    if max(width, height) > MAX_SIDE:
+        raise InputError(
+            f"{path}: has {width} x {height} pixels, at most {MAX_SIDE:,} a side were expected; scale it down"
+        )
     pixels = None if buffer.has_error else buffer.get_pixels("float")
     if pixels is None or buffer.has_error:
         reason = _line(buffer.geterror())

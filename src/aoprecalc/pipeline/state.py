@@ -18,6 +18,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, Self
 
 from aoprecalc import __version__
@@ -56,6 +57,8 @@ class FileStamp:
         """
         try:
             stat = path.stat()
+            if not S_ISREG(stat.st_mode):  # a device may have no end
+                return cls(-1, None, "")
             data = path.read_bytes() if data is None else data
         except OSError:
             return cls(-1, None, "")
@@ -274,8 +277,10 @@ def _read(file: Path) -> AssetRecord | None:
         document = json.loads(file.read_bytes())
         if document["schema"] != SCHEMAS["batch record"]:
             return None
-        inputs = InputFiles(_read_stamps(document["inputs"]["files"]))
-        return AssetRecord(document["order"], inputs, _read_stamps(document["outputs"]), document["summary"])
+        inputs, outputs = InputFiles(_read_stamps(document["inputs"]["files"])), _read_stamps(document["outputs"])
+        if any(name != Path(name).name for name in outputs):  # these may be removed, so none may be elsewhere
+            return None
+        return AssetRecord(document["order"], inputs, outputs, document["summary"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):  # missing, damaged, or of another version
         return None
 

@@ -1,5 +1,6 @@
 """From what a reader found in a file, or from arrays, to a checked Scene: the same checks for every format."""
 
+import errno
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,16 @@ from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 def damaged_file(path: Path, found: str) -> InputError:
     """Return the error for a damaged file; `found` says what was found and what was expected."""
     return InputError(f"{path}: {found}; the file is damaged, export it again")
+
+
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a file that a mesh refers to.
+
+    Raises OSError where it cannot be read, also for devices and pipes, which may have no end.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return path.read_bytes()
 
 
 def check_indices(path: Path, indices: NDArray[Any], count: int) -> None:

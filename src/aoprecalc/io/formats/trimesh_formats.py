@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from aoprecalc.errors import InputError
 from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, cofactors
 from aoprecalc.types import REVERSED_WINDING, Atlas, Scene
+
+_MAX_UNPACKED = 1 << 30  # bytes; as XML that is more triangles than a bake can use
 
 
 class TrimeshFormat(MeshFormat):
@@ -35,6 +38,7 @@ class TrimeshFormat(MeshFormat):
             needed = " and ".join(self.packages)
             raise InputError(f"{path}: {self.name} needs the package {needed}; `pip install 'aoprecalc[formats]'`")
         logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its errors go to stderr
+        _check_unpacked_size(path, data)
         load: Any = mesh_loaders[kind]
         loaded = load(file_obj=BytesIO(data), file_type=kind, resolver=None)
         return build_scene(path, kind, list(_pieces(loaded)))
@@ -42,6 +46,17 @@ class TrimeshFormat(MeshFormat):
     def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
         """Return .glb."""
         return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
+
+
+def _check_unpacked_size(path: Path, data: bytes) -> None:
+    """Raise InputError for a ZIP that would fill the memory, as a few megabytes of it may."""
+    if not data.startswith(b"PK"):
+        return
+    with ZipFile(BytesIO(data)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > _MAX_UNPACKED:
+        expected = f"at most {_MAX_UNPACKED >> 30} GiB were expected; use a smaller model"
+        raise InputError(f"{path}: is a ZIP of {size / (1 << 30):.1f} GiB when unpacked, {expected}")
 
 
 def _pieces(loaded: dict[str, Any]) -> Iterator[MeshPiece]:

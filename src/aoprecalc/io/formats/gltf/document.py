@@ -9,7 +9,7 @@ import binascii
 import json
 import struct
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.builder import damaged_file, read_file
 from aoprecalc.types import Float64Array
 
 Json = dict[str, Any]
@@ -68,10 +68,14 @@ def gltf_files(path: Path, data: bytes) -> list[Path]:
 
 
 def local_file(path: Path, uri: str) -> Path | None:
-    """Return the file that a URI of the document at `path` names; None for data URIs and remote ones."""
-    if urlsplit(uri).scheme or uri.startswith("//"):
+    """Return the file that a URI of the document at `path` names; None for data URIs, remote and absolute ones.
+
+    The specification allows relative ones alone; of an absolute one, Windows would ask a server that it names.
+    """
+    file = unquote(uri)
+    if urlsplit(uri).scheme or PureWindowsPath(file).anchor:
         return None
-    return path.parent / unquote(uri)
+    return path.parent / file
 
 
 def _files(path: Path, document: Json) -> list[Path]:
@@ -130,7 +134,7 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
                 f"{path}: its buffer is at {uri[:60]!a}, a file beside it was expected; save it with its buffer"
             )
         try:
-            data = file.read_bytes()
+            data = read_file(file)
         except OSError as error:
             raise InputError(
                 f"{path}: its buffer {uri[:60]!a} cannot be read ({error.strerror}); put the file beside it"

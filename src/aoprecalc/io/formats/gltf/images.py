@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from aoprecalc.errors import InputError
+from aoprecalc.io.formats.builder import read_file
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json, data_uri, local_file
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
@@ -98,17 +99,18 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
         if file is None:
             continue
         try:
-            data = file.read_bytes()
+            data = read_file(file)
         except OSError:
             missing.append(file.name)
             continue
-        if not embed:
+        if not embed and (_mime_type(data) or file.resolve().is_relative_to(source.parent.resolve())):
             if file not in copies:
                 copies[file] = _free_name(outputs, path, file.name, data)
                 outputs.path(path.parent / copies[file]).write_bytes(data)
             image["uri"] = quote(copies[file])
-        elif not _embed(image, buffer, data):
-            warnings.append(f"{path}: a GLB cannot hold the image {uri[:60]!a}; it is referred to by its path")
+        elif not (embed and _embed(image, buffer, data)):
+            found = "a GLB cannot hold the image" if embed else "not copied, as it is no image:"
+            warnings.append(f"{path}: {found} {uri[:60]!a}; it is referred to by its path")
             image["uri"] = relative_uri(file, path)
     if missing:
         warnings.append(f"{len(missing)} images cannot be read and are missing from the result: {', '.join(missing)!a}")

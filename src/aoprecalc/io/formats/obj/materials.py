@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aoprecalc.io.formats.base import SourceMaterial
+from aoprecalc.io.formats.builder import read_file
 from aoprecalc.io.outputs import relative_path
 
 # Statements that name a texture file.
@@ -29,8 +30,10 @@ def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, MtlMater
     """Read the materials of the MTL files in a folder; a file that is missing or unreadable gives none."""
     materials: dict[str, MtlMaterial] = {}
     for library in libraries:
+        if library.startswith(("//", "\\\\")):  # Windows would ask a server that it names
+            continue
         try:
-            text = (folder / library).read_bytes().decode("utf-8", "surrogateescape")
+            text = read_file(folder / library).decode("utf-8", "surrogateescape")
         except (OSError, ValueError):
             continue
         name, lines = None, list[str]()

@@ -1,0 +1,159 @@
+"""What files from strangers must not do: reach other files, servers or devices, or fill the memory."""
+
+import json
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from aoprecalc.errors import InputError
+from aoprecalc.io import load_scene
+from aoprecalc.io.formats.builder import read_file
+from aoprecalc.io.formats.gltf.document import local_file
+from aoprecalc.io.images import MAX_SIDE, read_pixels
+from aoprecalc.pipeline.state import FileStamp, StateFolder
+from gltf_kit.gltf_maker import data_uri
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def triangle(**others):
+    """A glTF document of one triangle whose material shows image 0, with other members."""
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "color.png"}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": data_uri(TRIANGLE, "application/octet-stream")}],
+        **others,
+    }
+
+
+def save(folder, document):
+    folder.mkdir(exist_ok=True)
+    (folder / "a.gltf").write_text(json.dumps(document), encoding="utf-8")
+    return folder / "a.gltf"
+
+
+REMOTE = ["//server/a.png", r"\\server\a.png", "%5C%5Cserver%5Ca.png", "http://server/a.png", "data:image/png;base64,"]
+ABSOLUTE = ["/etc/passwd", "%2Fetc%2Fpasswd", "C:/a.png", "C%3A/a.png", "file:///etc/passwd"]
+
+
+@pytest.mark.parametrize("uri", [*REMOTE, *ABSOLUTE])
+def test_a_uri_that_is_not_relative_names_no_file(uri):
+    assert local_file(Path("in/a.gltf"), uri) is None
+
+
+@pytest.mark.parametrize(("uri", "file"), [("a.png", "in/a.png"), ("../b%20c.png", "in/../b c.png"), ("d/e", "in/d/e")])
+def test_a_relative_uri_names_a_file(uri, file):
+    assert local_file(Path("in/a.gltf"), uri) == Path(file)
+
+
+def test_a_buffer_at_an_absolute_path_is_refused(tmp_path):
+    (tmp_path / "a.bin").write_bytes(TRIANGLE)
+    path = save(tmp_path, triangle(buffers=[{"byteLength": 36, "uri": (tmp_path / "a.bin").as_posix()}]))
+    with pytest.raises(InputError, match="a file beside it was expected"):
+        load_scene(path)
+
+
+def test_devices_and_pipes_are_not_read(tmp_path):
+    with pytest.raises(OSError, match="no regular file"):
+        read_file(tmp_path)
+    assert FileStamp.of(tmp_path) == FileStamp(-1, None, "")
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no /dev/zero")
+def test_a_device_with_no_end_is_no_material_library(tmp_path):
+    assert FileStamp.of(Path("/dev/zero")) == FileStamp(-1, None, "")
+    (tmp_path / "a.obj").write_text(f"mtllib /dev/zero\n{FACE}", encoding="utf-8")
+    assert len(load_scene(tmp_path / "a.obj").faces) == 1
+
+
+def png_of_zeros(path, width, height):
+    """Write a PNG of one bit a pixel, all black, which is small whatever its size."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = zlib.compress(bytes((width // 8 + 2) * height), 1)
+    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+    return path
+
+
+def test_an_image_beyond_any_texture_is_refused_before_it_is_decoded(tmp_path):
+    path = png_of_zeros(tmp_path / "a.png", MAX_SIDE + 1, 8)
+    with pytest.raises(InputError, match="has 32769 x 8 pixels, at most 32,768 a side were expected"):
+        read_pixels(path)
+    assert read_pixels(png_of_zeros(tmp_path / "b.png", MAX_SIDE, 1)).shape[:2] == (1, MAX_SIDE)
+
+
+def test_a_zip_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_path):
+    pytest.importorskip("lxml")
+    with zipfile.ZipFile(tmp_path / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", b" " * 1000)
+    data = (tmp_path / "a.3mf").read_bytes()
+    size, huge = struct.pack("<I", 1000), struct.pack("<I", 2**32 - 2)
+    (tmp_path / "a.3mf").write_bytes(data.replace(size, huge))
+    with pytest.raises(InputError, match=r"is a ZIP of 4\.0 GiB when unpacked, at most 1 GiB were expected"):
+        load_scene(tmp_path / "a.3mf")
+
+
+ENTITIES = (
+    '<!DOCTYPE a [<!ENTITY a0 "ha">' + "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10)) + "]>"
+)
+COLLADA = '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">{}</COLLADA>'
+
+
+def test_entities_are_not_expanded_without_end(tmp_path):
+    pytest.importorskip("collada")
+    (tmp_path / "a.dae").write_text(
+        ENTITIES + COLLADA.format("<asset><created>&a9;</created></asset>"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="cannot be read as COLLADA"):
+        load_scene(tmp_path / "a.dae")
+
+
+def test_entities_name_no_files(tmp_path):
+    pytest.importorskip("collada")
+    (tmp_path / "secret.txt").write_text("secret", encoding="utf-8")
+    entity = f'<!DOCTYPE a [<!ENTITY x SYSTEM "{(tmp_path / "secret.txt").as_uri()}">]>'
+    (tmp_path / "a.dae").write_text(entity + COLLADA.format("<asset><created>&x;</created></asset>"), encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        load_scene(tmp_path / "a.dae")
+    assert "secret" not in str(error.value).replace("secret.txt", "")
+
+
+def test_a_record_of_a_batch_names_no_files_elsewhere(tmp_path):
+    stamp = {"size": 1, "times": None, "digest": ""}
+    record = {"schema": 2, "order": "", "inputs": {"files": {}}, "outputs": {"a.png": stamp}, "summary": {}}
+    folder = tmp_path / "out"
+    file = folder / ".aoprecalc" / "assets" / "a.asset.json"
+    file.parent.mkdir(parents=True)
+    found = []
+    for name in ("a.png", "../a.png", "/a.png", "b/a.png"):
+        record["outputs"] = {name: stamp}
+        file.write_text(json.dumps(record), encoding="utf-8")
+        found.append(StateFolder(folder).get("a") is not None)
+    assert found == [True, False, False, False]
+
+
+def test_names_in_files_do_not_steer_the_terminal(tmp_path, command):
+    Image.new("L", (4, 4)).save(tmp_path / "t.png")
+    (tmp_path / "a.mtl").write_text("newmtl \x1b[2Jname\nmap_Kd t.png\n", encoding="utf-8")
+    text = f"mtllib a.mtl\nusemtl \x1b[2Jname\nvt 0 0\n{FACE.replace('1 2 3', '1/1 2/1 3/1')}"
+    (tmp_path / "a.obj").write_text(text, encoding="utf-8")
+    done = command("bake", tmp_path / "a.obj", "-o", f"{tmp_path}/out/", "--size", "16", "-n", "64", "--backend", "ray")
+    assert "[2Jname" in done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
