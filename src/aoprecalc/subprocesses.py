@@ -3,13 +3,14 @@
 `ask`          one request on standard input, one answer on standard output; on standard error the child reports each
                step that it begins and, if it fails, why. For the unwrappers and for the probes of `doctor`: work that
                cannot be interrupted, or that a driver may crash or hang
-`DuplexChild`  a long-lived child that answers requests over a connection, with `serve` at its end. For batch workers
+`DuplexChild`  a long-lived child that answers requests, with `serve` at its end. For batch workers
 
 Every child runs a module of this package, or a test's program, and is killed when its parent gives up, fails or dies.
 """
 
 import ctypes
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -18,11 +19,10 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
+from queue import Empty, SimpleQueue
 from tempfile import TemporaryFile
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 StepCallback = Callable[[str], None]
 
@@ -33,6 +33,7 @@ _STEP_PREFIX = "step: "  # of lines on standard error that report a step
 _LOG_TAIL = 2000  # bytes of a long-lived child's log that are read to explain its death
 _KILLS = [getattr(signal, name, None) for name in ("SIGKILL", "SIGTERM", "SIGINT")]  # sent by others
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_LENGTH_BYTES = 8  # of the length before each message of a DuplexChild
 
 # What Rust prints when a thread panics (where, and on the next line why); other threads may wait for it forever.
 _PANIC = re.compile(rb"^thread .* panicked at .*\n(.*)\n", re.MULTILINE)
@@ -110,30 +111,24 @@ def ask(
 class DuplexChild:
     """A long-lived child process, started at once, that answers one request after the other.
 
-    Its standard output and standard error go to a log, as the parent's are for results and progress. It leads a process
-    group of its own: Ctrl-C does not reach it, and `close` ends what it has started, too.
+    Requests go to its standard input and answers come from its standard output, pickled; what it prints goes to a log.
+    It leads a process group of its own: Ctrl-C does not reach it, and `close` ends what it has started, too.
     """
 
     def __init__(self, module: str) -> None:
         """Start a module that calls `serve`; raises OSError if no process can be started."""
-        self._connection, remote = Pipe()
         self._log = TemporaryFile()  # noqa: SIM115 - open as long as the process
-        arguments = str(remote.fileno()), str(os.getpid())
+        pipe = subprocess.PIPE
         try:
-            self._process = _Child(
-                command(module, *arguments),
-                stdin=subprocess.DEVNULL,
-                stdout=self._log,
-                stderr=self._log,
-                pass_fds=[remote.fileno()],
-                own_group=True,
-            )
+            start = command(module, str(os.getpid()))
+            self._process = _Child(start, stdin=pipe, stdout=pipe, stderr=self._log, own_group=True)
         except OSError:
-            self._connection.close()
             self._log.close()
             raise
-        finally:
-            remote.close()
+        self._received: SimpleQueue[bytes | None] = SimpleQueue()
+        # A thread, as there is no portable way to wait for a pipe with a time-out.
+        self._reader = threading.Thread(target=self._receive, daemon=True)
+        self._reader.start()
 
     @property
     def pid(self) -> int:
@@ -154,23 +149,39 @@ class DuplexChild:
         any of them only `close` is of use.
         """
         limits, step = _Limits(timeout, stop), FIRST_STEP
+        assert self._process.stdin is not None
         try:
-            self._connection.send(message)
-            while True:
-                if not self._connection.poll(POLL_SECONDS):
-                    limits.check(step)
-                elif isinstance(answer := self._connection.recv(), str):
-                    on_step(step := answer)
-                else:
-                    return answer
-        except (EOFError, OSError) as error:  # the connection ends with the process
+            _send(self._process.stdin, message)
+        except OSError as error:  # the pipe ends with the process
             raise self._death() from error
+        while True:
+            try:
+                data = self._received.get(timeout=POLL_SECONDS)
+            except Empty:
+                limits.check(step)
+                continue
+            if data is None:
+                raise self._death()
+            if not isinstance(answer := pickle.loads(data), str):
+                return answer
+            on_step(step := answer)
 
     def close(self) -> None:
         """End the process and all that it has started."""
         self._process.end()
-        self._connection.close()
+        self._reader.join()
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            with suppress(OSError):  # a part of a request that was not sent
+                stream.close()
         self._log.close()
+
+    def _receive(self) -> None:
+        """Queue the messages of the child, and None after the last."""
+        assert self._process.stdout is not None
+        while (data := _receive(self._process.stdout)) is not None:
+            self._received.put(data)
+        self._received.put(None)
 
     def _death(self) -> ChildProcessError:
         status = self._process.wait()
@@ -184,7 +195,7 @@ def exit_reason(status: int) -> str:
     """Return an exit status, or the signal that ended a process (a negative one), in words."""
     if status >= 0:
         return f"exit status {status}"
-    hint = "; the system may be out of memory" if status == -signal.SIGKILL else ""
+    hint = "; the system may be out of memory" if -status == _KILLS[0] else ""
     return f"signal {-status} ({signal.strsignal(-status)}{hint})"
 
 
@@ -194,7 +205,11 @@ class _Child(subprocess.Popen[bytes]):
     def __init__(self, command: list[str], *, own_group: bool = False, **options: Any) -> None:
         """Start it with the import path of this process; `own_group`: as the leader of a new process group."""
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        super().__init__(command, env=environment, start_new_session=own_group, **options)
+        if own_group and hasattr(os, "killpg"):
+            options["start_new_session"] = True
+        elif own_group:
+            options["creationflags"] = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)  # Windows
+        super().__init__(command, env=environment, **options)
         self._own_group = own_group
 
     def __exit__(
@@ -207,11 +222,19 @@ class _Child(subprocess.Popen[bytes]):
     def end(self) -> None:
         """Kill the process, with its group if it leads one, and wait until it has ended."""
         if self._own_group:
-            with suppress(ProcessLookupError):  # the whole group has ended
-                os.killpg(self.pid, signal.SIGKILL)
-        else:
-            self.kill()
+            _kill_group(self.pid)
+        self.kill()
         self.wait()
+
+
+def _kill_group(pid: int) -> None:
+    """Kill a process and what it has started, as far as it runs."""
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError):
+            os.killpg(pid, signal.SIGKILL)
+    else:
+        with suppress(OSError):
+            subprocess.run(["taskkill", "/F", "/T", "/PID", str(pid)], capture_output=True, check=False)
 
 
 class _Limits:
@@ -253,24 +276,53 @@ def end_with_parent() -> None:
     """In a child, before its first step: have Linux kill it when the parent dies, even of SIGKILL.
 
     A thread that watches the parent would not do: it does not run while the work holds the interpreter lock. If the
-    parent is dead already, and on other systems, the child ends at its next step, as its standard error is closed.
+    parent is dead already, and on other systems, the child ends at its next step, as its pipe is closed.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def serve(answer: Callable[[Any, StepCallback], Any]) -> None:
-    """In a DuplexChild: answer requests until the parent closes the connection or dies.
+    """In a DuplexChild: answer requests until the parent closes the pipe or dies.
 
     answer   called with each request and with a callback for steps; returns the answer, which is not a text
     """
     end_with_parent()
-    if os.getppid() != int(sys.argv[2]):  # the parent died before that
+    if sys.platform == "linux" and os.getppid() != int(sys.argv[1]):  # the parent died before that
         return
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C ends
-    connection = Connection(int(sys.argv[1]))
+    # Streams of our own: what libraries print goes to the log, and they find nothing to read.
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+
+    def say(message: Any) -> None:
+        try:
+            _send(answers, message)
+        except OSError:
+            sys.exit()  # the parent is gone
+
+    while (data := _receive(requests)) is not None:
+        say(answer(pickle.loads(data), say))
+
+
+# Messages in a pipe: the number of bytes, and a pickled object.
+
+
+def _send(stream: IO[bytes], message: Any) -> None:
+    """Write a message; raises OSError if the other end is closed."""
+    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    stream.write(len(data).to_bytes(_LENGTH_BYTES, "little"))
+    stream.write(data)
+    stream.flush()
+
+
+def _receive(stream: IO[bytes]) -> bytes | None:
+    """Read a pickled message; None if the other end is closed."""
     try:
-        while True:
-            connection.send(answer(connection.recv(), connection.send))
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        return
+        length = stream.read(_LENGTH_BYTES)
+        data = stream.read(int.from_bytes(length, "little"))
+    except OSError:
+        return None
+    return data if len(length) == _LENGTH_BYTES and len(data) == int.from_bytes(length, "little") else None

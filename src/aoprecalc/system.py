@@ -1,11 +1,15 @@
-"""The machine that this process runs on: cores and memory within a container's limits, libraries, environment."""
+"""The machine that this process runs on: cores and memory within a container's limits, libraries, environment.
+
+What systems do differently is here and in `subprocesses`; the rest of the package is the same everywhere.
+"""
 
 import os
 import platform
 import sys
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 LIBRARIES = (
     "numpy", "scipy", "moderngl", "glcontext", "embreex", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click",
@@ -17,6 +21,8 @@ EXTRAS = {
     "formats": ("lxml", "networkx", "pycollada"),
     "cluster": ("distributed",),
 }
+
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(1, 10))}
 
 _CGROUP = Path("/sys/fs/cgroup")  # limits of the container (cgroup version 2)
 
@@ -57,6 +63,52 @@ def usable_memory() -> int | None:
         return None
     limit = _container_limit("memory.max")
     return min(memory, int(limit[0])) if limit else memory
+
+
+def resident_memory() -> int | None:
+    """Return how many bytes of memory this process holds; where the system tells only the most that it held, that.
+
+    None where it tells neither.
+    """
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, AttributeError):
+        try:
+            resource = import_module("resource")
+        except ModuleNotFoundError:  # Windows
+            return None
+        peak: int = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak if sys.platform == "darwin" else peak * 1024
+
+
+def lock_file(file: IO[str]) -> None:
+    """Lock a file until it is closed or this process ends; raises BlockingIOError if another process has locked it."""
+    try:
+        fcntl = import_module("fcntl")
+    except ModuleNotFoundError:
+        msvcrt = import_module("msvcrt")  # Windows
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except OSError as error:
+            raise BlockingIOError(error.errno, error.strerror) from error
+    else:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def path_from(path: Path, folder: Path) -> str:
+    """Return a path from a folder, with forward slashes; the absolute path where it is on another drive of Windows."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(os.path.abspath(path)).as_posix()
+
+
+def may_name_a_file(name: str) -> bool:
+    """Tell whether files may have a name: Windows forbids some characters, and the names of its devices."""
+    if sys.platform != "win32":
+        return True
+    device = name.partition(".")[0].rstrip().upper()
+    return not (set(name) & set('<>:"|?*\\') or name.endswith((" ", ".")) or device in _DEVICES)
 
 
 def machine() -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
+from aoprecalc.system import path_from
 
 
 class Outputs(AbstractContextManager["Outputs"]):
@@ -182,7 +183,7 @@ def _ends_in_slash(wanted: str | PathLike[str]) -> bool:
 
 def relative_path(target: Path, file: Path) -> str:
     """Return the relative path of `target` from the folder of `file`, with forward slashes."""
-    return Path(os.path.relpath(target, file.parent)).as_posix()
+    return path_from(target, file.parent)
 
 
 def relative_uri(target: Path, file: Path) -> str:
@@ -214,7 +215,7 @@ def json_text(document: dict[str, Any]) -> str:
 def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a document as indented JSON; raises OutputError where the file cannot be written."""
     try:
-        path.write_text(json_text(document), encoding="utf-8")
+        path.write_text(json_text(document), encoding="utf-8", newline="\n")
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.io import MESH_EXTENSIONS
+from aoprecalc.system import path_from
 
 
 def is_pattern(text: str, root: str | Path = "") -> bool:
@@ -57,7 +58,11 @@ def base_folder(patterns: Iterable[str], root: str | Path = "") -> Path:
         while path != path.parent and is_pattern(str(path)):
             path = path.parent
         folders.append(path if path.is_dir() else path.parent)
-    return Path(os.path.commonpath(folders))
+    try:
+        return Path(os.path.commonpath(folders))
+    except ValueError as error:  # on several drives of Windows
+        drives = ", ".join(sorted({folder.drive for folder in folders}))
+        raise UsageError(f"the inputs are on the drives {drives}; run a batch for each") from error
 
 
 def name_assets(meshes: Sequence[Path], base: Path) -> list[str]:
@@ -66,7 +71,7 @@ def name_assets(meshes: Sequence[Path], base: Path) -> list[str]:
     Where that is the same for several meshes, upper and lower case alike, the names keep the extension, such as
     rock_obj and rock_glb. Raises UsageError if two names are still the same.
     """
-    paths = [Path(os.path.relpath(os.path.abspath(mesh), base)) for mesh in meshes]
+    paths = [Path(path_from(Path(os.path.abspath(mesh)), base)) for mesh in meshes]
     plain = [_asset_name(path.with_suffix("")) for path in paths]
     count = Counter(name.casefold() for name in plain)
     names = [
@@ -111,4 +116,4 @@ def _is_mesh(path: str) -> bool:
 
 def _asset_name(path: Path) -> str:
     """Return a relative path as the name of an asset, which never leads out of the output folder."""
-    return "/".join(part for part in path.parts if part not in ("..", "/"))
+    return "/".join(part for part in path.parts if part not in ("..", path.anchor))

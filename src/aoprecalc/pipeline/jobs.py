@@ -16,6 +16,7 @@ from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.progress import Progress
+from aoprecalc.system import path_from
 from aoprecalc.types import Float32Array
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 
@@ -256,7 +257,7 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
     outputs = report.outputs
     return replace(
         report,
-        input=replace(report.input, path=Path(os.path.relpath(job.mesh, job.folder)).as_posix()),
+        input=replace(report.input, path=path_from(job.mesh, job.folder)),
         outputs=BakeOutputs(
             texture=Path(outputs.texture or "").name,
             mesh=Path(outputs.mesh or "").name,

@@ -16,6 +16,7 @@ from aoprecalc.pipeline.discovery import base_folder, check_distinct, find_meshe
 from aoprecalc.pipeline.jobs import Asset, JobSpec
 from aoprecalc.pipeline.option_tables import COUNTS, Choice, Tables, arguments_of, convert, key_name, make_job_spec
 from aoprecalc.pipeline.state import STATE_FOLDER
+from aoprecalc.system import may_name_a_file, path_from
 
 _Text = Annotated[str, Meta(description="a text in quotes")]
 _Patterns = Annotated[tuple[str, ...] | str, Meta(description="a list of patterns")]
@@ -113,7 +114,7 @@ class Manifest:
 
     def _matches_any(self, mesh: Path, patterns: Sequence[str]) -> bool:
         """Tell whether a mesh's path from the manifest matches a pattern, in which * also matches folders."""
-        path = Path(os.path.relpath(mesh, self.path.parent)).as_posix()
+        path = path_from(mesh, self.path.parent)
         return any(fnmatchcase(path, pattern) for pattern in patterns)
 
     def _spec(self, mesh: Path) -> JobSpec:
@@ -174,5 +175,5 @@ def _listed(patterns: tuple[str, ...] | str) -> tuple[str, ...]:
 def _is_name(text: str) -> bool:
     """Tell whether a text is a relative path of plain names, outside the state folder."""
     parts = text.split("/")
-    plain = all(part.strip(". ") for part in parts) and parts[0] != STATE_FOLDER
+    plain = all(part.strip(". ") and may_name_a_file(part) for part in parts) and parts[0] != STATE_FOLDER
     return plain and not any(char < " " for char in text)

@@ -27,6 +27,7 @@ from aoprecalc.io import input_files
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BakeOptions, SphereOptions
 from aoprecalc.pipeline.jobs import Asset
+from aoprecalc.system import lock_file, path_from
 
 STATE_FOLDER = ".aoprecalc"
 
@@ -128,7 +129,7 @@ def spec_key(asset: Asset, output: Path) -> str:
                 asset.spec.spheres_suffix,
             ],
             # results refer to the mesh and to files beside it by paths relative to their own folder
-            "way": Path(os.path.relpath(asset.mesh.parent, output / asset.folder)).as_posix(),
+            "way": path_from(asset.mesh.parent, output / asset.folder),
         }
     )
 
@@ -160,7 +161,7 @@ def _unwrappers() -> list[str]:
 
 
 def _relative(path: Path, mesh: Path) -> str:
-    return Path(os.path.relpath(path, mesh.parent)).as_posix()
+    return path_from(path, mesh.parent)
 
 
 @dataclass(frozen=True)
@@ -297,11 +298,6 @@ def _read_stamps(table: dict[str, Any]) -> dict[str, FileStamp]:
 @contextmanager
 def _file_lock(file: Path) -> Iterator[None]:
     """Hold a lock that ends with this process; raises BlockingIOError if another process holds it."""
-    try:
-        import fcntl
-    except ModuleNotFoundError:  # Windows
-        yield
-        return
     with file.open("w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_file(handle)
         yield

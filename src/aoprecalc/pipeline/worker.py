@@ -1,6 +1,6 @@
 """A worker process: runs jobs and visibility tasks for the process that started it.
 
-Usage: python -m aoprecalc.pipeline.worker <file descriptor of a connection> <process ID of the parent>
+Usage: python -m aoprecalc.pipeline.worker <process ID of the parent>; see `subprocesses.serve`
 """
 
 import pickle

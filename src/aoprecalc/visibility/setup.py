@@ -3,16 +3,14 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
-import os
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.raster.samples import CENTER, Samples, keep_faces
+from aoprecalc.system import resident_memory
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
@@ -77,21 +75,13 @@ def chunks(count: int, chunk_size: int) -> list[slice]:
 
 
 def _resident() -> int:
-    """Return the resident memory of this process in bytes; where the system tells only its peak, that.
-
-    Raises UsageError where the system tells neither.
-    """
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        try:
-            import resource
-        except ModuleNotFoundError as error:
-            raise ArgumentError(
-                "memory_limit", "needs to know how much memory is used, which this system does not tell; omit it"
-            ) from error
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return peak if sys.platform == "darwin" else peak * 1024
+    """Return the memory of this process in bytes; raises UsageError where the system does not tell."""
+    memory = resident_memory()
+    if memory is None:
+        raise ArgumentError(
+            "memory_limit", "needs to know how much memory is used, which this system does not tell; omit it"
+        )
+    return memory
 
 
 @dataclass(frozen=True, eq=False)
