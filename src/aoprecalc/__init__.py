@@ -55,7 +55,8 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from aoprecalc.api.bake import BakeFiles, BakeResult, bake
+    from aoprecalc.api.bake import BakeResult, bake
+    from aoprecalc.api.bake_files import BakeFiles
     from aoprecalc.api.compare import CompareReport, compare
     from aoprecalc.api.doctor import DoctorReport, doctor
     from aoprecalc.api.mesh import Mesh, load
@@ -69,7 +70,8 @@ if TYPE_CHECKING:
     from aoprecalc.types import SphereSet
 else:
     _MODULES = {
-        "api.bake": ("BakeFiles", "BakeResult", "bake"),
+        "api.bake": ("BakeResult", "bake"),
+        "api.bake_files": ("BakeFiles",),
         "api.compare": ("CompareReport", "compare"),
         "api.doctor": ("DoctorReport", "doctor"),
         "api.mesh": ("Mesh", "load"),

@@ -1,4 +1,4 @@
-"""The errors of this package, each with the exit code of the command line.
+"""The errors of this package, each with the exit code of the command line, and words for all messages.
 
 A message is one line: what was found, what was expected, what to do.
 """
@@ -12,6 +12,19 @@ _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 def option_name(argument: str) -> str:
     """Return the option of the command line that stands for a Python argument."""
     return f"--{argument.replace('_', '-')}"
+
+
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """Return a number with its noun: 1 mesh, 2 meshes.
+
+    plural   of the noun; empty: with an s
+    """
+    return f"{count} {one_or_many(count, noun, plural or f'{noun}s')}"
+
+
+def one_or_many(count: int, one: str, many: str) -> str:
+    """Return the word that agrees with a number, such as is or are."""
+    return one if count == 1 else many
 
 
 class AoprecalcError(Exception):

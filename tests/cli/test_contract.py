@@ -39,7 +39,7 @@ def test_bake_writes_texture_and_mesh(ring, tmp_path):
     done = start(tmp_path, "bake", "ring.obj", *QUICK)
     assert done.returncode == 0, done.stderr
     assert listing(tmp_path) == ["ring.obj", "ring_ao.mtl", "ring_ao.obj", "ring_ao.png"]
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["ring_ao.png", "ring_ao.obj"]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["ring_ao.png", "ring_ao.obj", "map_Kd"]
     assert "unwrap:" in done.stderr
     baked = load_scene(tmp_path / "ring_ao.obj")
     assert baked.uvs is not None
@@ -70,7 +70,12 @@ def test_the_report_has_what_scripts_read(ring, tmp_path, run):
     assert report["schema"] == 1
     expected = {"path": "ring.obj", "triangles": 256, "vertices": 128, "components": 1, "watertight": True}
     assert report["input"] == expected
-    assert report["outputs"] == {"texture": "ring_ao.png", "mesh": "ring_ao.obj", "others": ["ring_ao.mtl"]}
+    assert report["outputs"] == {
+        "texture": "ring_ao.png",
+        "mesh": "ring_ao.obj",
+        "others": ["ring_ao.mtl"],
+        "references": [{"slot": "map_Kd", "materials": 1, "uvs": "vt", "packed": False}],
+    }
     assert report["directions"] == 64
     assert report["backend"] == "gl"
     assert set(report["unwrap"]) >= {"method", "charts", "used_share", "gutter", "first_unsafe_mip"}
@@ -87,7 +92,7 @@ def test_output_is_a_file_or_a_folder(ring, tmp_path, output, run):
     assert run(tmp_path, "bake", "ring.obj", *QUICK, "-o", output).returncode == 0
     texture = tmp_path / output if "." in output else tmp_path / output / "ring_ao.png"
     assert texture.is_file()
-    assert (texture.parent / "ring_ao.obj").is_file()
+    assert texture.with_suffix(".obj").is_file()
 
 
 def test_sizes_need_not_be_square(ring, tmp_path, run):

@@ -86,7 +86,7 @@ def bake(tmp_path):
             outputs.folder(path.parent)
             picture = path.parent / texture
             write_image(outputs.path(picture), np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8))
-            warnings = write_baked_mesh(outputs, path, scene, atlas, normals, picture)
+            warnings = write_baked_mesh(outputs, path, scene, atlas, normals, picture).messages
         return path, atlas, normals, warnings
 
     return write

@@ -34,7 +34,7 @@ def pack(tmp_path, atlas_of):
             outputs.folder(path.parent)
             picture = path.parent / texture
             write_image(outputs.path(picture), ao.astype(np.float32), depth)
-            warnings = write_baked_mesh(outputs, path, scene, atlas, scene.normals, picture, pack="orm")
+            warnings = write_baked_mesh(outputs, path, scene, atlas, scene.normals, picture, pack="orm").messages
         return path, warnings
 
     return write
@@ -245,9 +245,9 @@ def test_what_cannot_be_packed_keeps_its_roughness(cubes, gltf, pack, material, 
     gltf.add("textures", {})
     maker = cubes(material)
     path, warnings = pack(maker.load("made.gltf"), "a.gltf", **{"uv_set": 0, **options})
-    about = [line for line in warnings if "packed" in line]
+    about = [line for line in warnings if "not packed" in line]
     assert len(about) == 1
-    assert about[0].startswith("1 of 1 materials get an occlusion image that is not packed: 1 with")
+    assert about[0].startswith("1 of 1 material gets an occlusion image that is not packed: 1 with")
     assert reason in about[0]
     document = GltfValues(path)
     roughness, occlusion = infos(document)
@@ -318,7 +318,7 @@ def test_uvs_that_are_new_although_the_set_has_the_same_number(gltf, pack):
 def test_a_picture_that_held_all_three_gets_new_occlusion(cubes, gltf, pack):
     info = {"index": gltf.texture(ROUGHNESS)}
     path, warnings = pack(cubes(rough(0) | {"occlusionTexture": info | {"strength": 0.5}}).load(), "a.glb")
-    assert warnings == ("the occlusion textures of 1 materials were replaced",)
+    assert warnings == ("the occlusion textures of 1 material were replaced",)
     document = GltfValues(path)
     assert infos(document) == (info, occlusion_info(info["index"]))
     assert np.array_equal(pixels(document, info), np.dstack([AO, ROUGHNESS[:, :, 1:]]))

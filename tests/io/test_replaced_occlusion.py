@@ -76,7 +76,7 @@ def test_the_new_one_takes_the_places_of_the_old_one(cube, gltf, bake, name, whe
     textures = [gltf.texture(*each) for each in zip(PICTURES[:3], places, wraps, strict=True)]
     source = cube(occluded(1, 0, normalTexture={"index": 2})).load("made.gltf")
     path, *_, warnings = bake(source, name)
-    assert warnings == ("the occlusion textures of 1 materials were replaced",)
+    assert warnings == ("the occlusion textures of 1 material were replaced",)
     document = GltfValues(path)
     assert followed(path, 0) == followed(source.path, 0)
     material = document.json["materials"][0]

@@ -151,7 +151,7 @@ def write(tmp_path):
         with Outputs() as outputs:
             picture = outputs.folder(path.parent) / "x_ao.png"
             write_image(outputs.path(picture), np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8))
-            return path, write_baked_mesh(outputs, path, scene, atlas, normals, picture)
+            return path, write_baked_mesh(outputs, path, scene, atlas, normals, picture).messages
 
     return write_mesh
 
@@ -332,7 +332,7 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     made = library(path.with_suffix(".mtl"))
     assert made["paint"] == ["Kd 1 1 0", "map_Kd ../bricks.png", "bump -bm 2 ../bumps.png", "map_Ka x_ao.png"]
     assert made["tiles"] == ["Kd 1 1 1", "map_Kd x_ao.png"]
-    assert "the ambient textures (map_Ka) of 1 materials were replaced" in warnings[0]
+    assert "the ambient textures (map_Ka) of 1 material were replaced" in warnings[0]
     back = load_scene(path)
     assert back.document.materials["paint"].ambient == path.with_name("x_ao.png")
     assert back.document.materials["paint"].texture.samefile(tmp_path / "bricks.png")
@@ -451,7 +451,7 @@ def test_instances_that_share_a_place_have_its_uvs(gltf_cube, write, suffix):
     expected = np.array([[by_vertex[int(vertex)] for vertex in face] for face in scene.parts[1].vertices])
     assert back.uvs[12:24] == pytest.approx(expected, abs=1e-6)
     if suffix == ".ply":
-        assert "1 parts without ambient occlusion" in warnings[0]
+        assert "1 part without ambient occlusion" in warnings[0]
     else:
         assert set(Obj(path).materials[24:]) == {"plain"}
         assert back.uvs[24:] == pytest.approx(scene.uvs[24:])

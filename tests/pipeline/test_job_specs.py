@@ -68,8 +68,9 @@ def beside(key, value):
 def test_every_field_of_a_bake_can_be_said(spell):
     told = set()
     for key, written, meant in said_of(BakeOptions):
-        spec = read_job_spec({spell(key): written, **beside(key, written)}, None)
-        assert spec == JobSpec(bake=BakeOptions(**{key: meant, **beside(key, written)})), key
+        table = {spell(key): written, **beside(key, written), "output": ".tif"}  # which has every bit depth
+        options = BakeOptions(**{key: meant, **beside(key, written)})
+        assert read_job_spec(table, None) == JobSpec(bake=options, bake_output=(".tif",)), key
         told.add(key)
     assert told == {field.name for field in fields(BakeOptions)} - {"width", "height"}
 
@@ -90,12 +91,12 @@ def test_a_size_is_one_number_or_two(written, size):
 
 
 def test_kinds_of_files_are_said_too():
-    for texture in IMAGE_EXTENSIONS:
-        assert read_job_spec({"texture": texture}, None).texture_suffix == texture
-    for mesh in ("", *OUTPUT_MESH_EXTENSIONS):
-        assert read_job_spec({"mesh": mesh}, None).mesh_suffix == mesh
+    for kind in (*IMAGE_EXTENSIONS, *OUTPUT_MESH_EXTENSIONS):
+        assert read_job_spec({"output": kind}, None).bake_output == (kind,)
+    assert read_job_spec({"output": [".exr", ".gltf"]}, None).bake_output == (".exr", ".gltf")
     for kind in SPHERE_EXTENSIONS:
-        assert read_job_spec(None, {"format": kind}).spheres_suffix == kind
+        assert read_job_spec(None, {"output": kind}).spheres_output == (kind,)
+    assert read_job_spec(None, {"output": [*SPHERE_EXTENSIONS]}).spheres_output == SPHERE_EXTENSIONS
     assert read_job_spec({"verify": True}, None).verify
 
 
@@ -124,10 +125,14 @@ WRONG = {
     "numbers for names": ({"only": [1]}, None, ["only is [1]", "list of names"]),
     "a number for names": ({"only": 1}, None, ["only is 1", "list of names"]),
     "a way up without a floor": ({"up": "z"}, None, ["up is 'z'", "ground"]),
-    "a texture of no kind": ({"texture": "png"}, None, ["texture is 'png'", ".png"]),
-    "a mesh that holds no UVs": ({"mesh": ".stl"}, None, ["mesh is '.stl'", ".glb"]),
-    "a sphere set of no kind": (None, {"format": ".txt"}, ["format is '.txt'", ".urdf"]),
-    "a format as a list": (None, {"format": [".csv"]}, ["format is ['.csv']", ".urdf"]),
+    "a texture of no kind": ({"output": "png"}, None, ["output is 'png'", ".png"]),
+    "a mesh that holds no UVs": ({"output": ".stl"}, None, ["output is '.stl'", ".glb"]),
+    "two textures": ({"output": [".png", ".exr"]}, None, ["output names the images", "one image, one mesh or both"]),
+    "two meshes": ({"output": [".obj", ".glb"]}, None, ["output names the meshes", "one image, one mesh or both"]),
+    "a depth that the texture lacks": ({"output": ".jpg", "bit_depth": 16}, None, [".jpg has no bit depth 16"]),
+    "a packing that the mesh lacks": ({"output": ".obj", "pack": "orm"}, None, ["pack is orm", ".gltf or .glb"]),
+    "a sphere set of no kind": (None, {"output": ".txt"}, ["output is '.txt'", ".urdf"]),
+    "one of no kind in a list": (None, {"output": [".csv", ".txt"]}, ["output is ['.csv', '.txt']", ".urdf"]),
     "levels of letters": (None, {"levels": "few"}, ["'few'", "8,32,128"]),
     "levels that are texts": (None, {"levels": ["8", "32"]}, ["levels is ['8', '32']", "list of whole numbers"]),
     "levels that are switches": (None, {"levels": [True, 8]}, ["levels is [True, 8]", "list of whole numbers"]),
@@ -211,15 +216,16 @@ def test_a_memory_limit_of_any_amount_is_one_that_the_command_takes(limit):
 
 @pytest.mark.parametrize("mesh", ["rock.obj", "-rock.obj", "a folder/it's.obj"])
 def test_the_commands_of_a_result_make_the_same_files(mesh, tmp_path):
-    spec = JobSpec(BAKE, SPHERES, texture_suffix=".exr", mesh_suffix=".glb", verify=True, spheres_suffix=".csv")
+    spec = JobSpec(BAKE, SPHERES, bake_output=(".exr", ".glb"), verify=True, spheres_output=(".csv", ".urdf"))
     bake, spheres = (
         shlex.split(line) for line in reproduce_commands(AssetResult(Asset("props/stone", mesh, spec), "made"))
     )
     given = bake_command.make_context("bake", bake[2:]).params
     assert bake[:2] == ["aoprecalc", "bake"]
-    assert (given["mesh"], given["output"], given["mesh_output"]) == (mesh, "stone_ao.exr", "stone_ao.glb")
+    assert (given["mesh"], given["output"]) == (mesh, ("stone_ao.exr", "stone_ao.glb"))
     assert given["verify"]
     assert given["size"] == (64, 64)
     given = spheres_command.make_context("spheres", spheres[2:]).params
     assert spheres[:2] == ["aoprecalc", "spheres"]
-    assert (given["mesh"], given["output"], given["spheres"]) == (mesh, "stone_spheres.csv", 8)
+    assert given["output"] == ("stone_spheres.csv", "stone_spheres.urdf")
+    assert (given["mesh"], given["spheres"]) == (mesh, 8)

@@ -185,7 +185,7 @@ def test_the_order_changes_with_every_option_that_matters():
     specs += [replace(BOTH, bake=BakeOptions(**{name: value})) for name, value in OTHER[BakeOptions].items()]
     specs += [replace(BOTH, bake=BakeOptions(ground=True, up="x"))]
     specs += [replace(BOTH, spheres=SphereOptions(**{name: value})) for name, value in OTHER[SphereOptions].items()]
-    others = {"texture_suffix": ".exr", "mesh_suffix": ".glb", "verify": True, "spheres_suffix": ".csv"}
+    others = {"bake_output": (".exr", ".glb"), "verify": True, "spheres_output": (".csv",)}
     specs += [replace(BOTH, **{name: value}) for name, value in others.items()]
     keys = {spec_key(Asset("rock", mesh, spec), Path("out")) for spec in specs}
     assert len(keys) == len(specs)

@@ -83,8 +83,8 @@ def test_a_byte_order_mark_is_no_fault(planned):
 
 
 def test_defaults_are_for_all(planned):
-    text = 'inputs = "**/*"\n[bake]\nsize = "512x256"\ntexture = ".exr"\n[spheres]\nspheres = 20\nformat = ".csv"\n'
-    expected = JobSpec(BakeOptions(size=(512, 256)), SphereOptions(20), texture_suffix=".exr", spheres_suffix=".csv")
+    text = 'inputs = "**/*"\n[bake]\nsize = "512x256"\noutput = ".exr"\n[spheres]\nspheres = 20\noutput = ".csv"\n'
+    expected = JobSpec(BakeOptions(size=(512, 256)), SphereOptions(20), bake_output=(".exr",), spheres_output=(".csv",))
     assert specs(planned, text) == dict.fromkeys(["rock", "props/chair", "props/old/chair", "props/table"], expected)
 
 
@@ -304,12 +304,12 @@ def test_a_manifest_from_another_folder_makes_what_it_says(tmp_path):
     (tmp_path / "game/batch.toml").write_text("""
         inputs = ["props/*"]
         output = "../built"
-        bake = {size = 64, directions = 64, texture = ".tif", mesh = ".glb"}
+        bake = {size = 64, directions = 64, output = [".tif", ".glb"]}
         [[asset]]
         mesh = "stone.obj"
         name = "nature/rock"
         bake = false
-        spheres = {spheres = 8, samples = 500, format = ".csv"}
+        spheres = {spheres = 8, samples = 500, output = ".csv"}
         """)
     done = run(tmp_path, "batch", "game/batch.toml", "-q")
     assert (done.returncode, done.stderr) == (0, "")

@@ -2,43 +2,24 @@
 
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
 from aoprecalc.api.bake_scene import bake_report, bake_scene
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, warn_of_shared_uvs
-from aoprecalc.io import (
-    Outputs,
-    check_mesh_extension,
-    choose_bit_depth,
-    load_scene,
-    output_mesh_extension,
-    read_image,
-    source_files,
-    write_baked_mesh,
-    write_image,
-)
-from aoprecalc.io.baked_options import options_text
+from aoprecalc.io import Outputs, load_scene, read_image, source_files
 from aoprecalc.io.formats.base import output_uvs
-from aoprecalc.io.outputs import claim_output, output_path, write_json
+from aoprecalc.io.outputs import write_json
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, VerifyOptions
-from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
-from aoprecalc.types import Baked, BoolArray, Float32Array, Scene
+from aoprecalc.options.extensions import names_extensions
+from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
+from aoprecalc.types import Baked, BoolArray, Float32Array
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
-
-Output = str | PathLike[str]
-
-
-@dataclass(frozen=True, eq=False)
-class BakeFiles:
-    """Paths of the files of a bake: the texture and the mesh; others that go with the mesh are beside it."""
-
-    texture: Path
-    mesh: Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +45,7 @@ class BakeResult:
     _baked: Baked = field(repr=False)
     _options: BakeOptions = field(repr=False)
 
+    @names_extensions
     def save(
         self,
         output: Output,
@@ -79,10 +61,12 @@ class BakeResult:
         Parameters
         ----------
         output : str or path-like
-            The texture, its format by the extension, or a folder: one that exists, or a name that ends in a slash,
-            which is made. There the texture is ``<name>_ao.png``.
+            What is written, by the extension. An image ({images}): the texture; the mesh is beside it under the same
+            stem. A mesh ({baked meshes}): the mesh; a .glb has the texture inside, the others have it beside them as a
+            PNG of the same stem. A folder, which exists or whose name ends in a slash: then it is made, and the
+            texture in it is ``<name>_ao.png``.
         mesh_output : str or path-like, optional
-            The mesh, its format by the extension, or a folder. By default ``<name>_ao.<ext>`` beside the texture.
+            The mesh, its format by the extension, or a folder, where `output` is the texture.
         report : str or path-like, optional
             A JSON file for the report, or a folder.
         progress : Progress, optional
@@ -91,7 +75,7 @@ class BakeResult:
         Returns
         -------
         BakeFiles
-            Paths of the texture and of the mesh.
+            Paths of the texture, which is None where it is inside a GLB, and of the mesh.
 
         Raises
         ------
@@ -100,21 +84,23 @@ class BakeResult:
         OutputError
             If a file cannot be written.
         """
-        plan = _FilePlan(self._baked.scene, self.mesh.name, output, mesh_output, report, self._options)
-        with Outputs() as outputs:
-            outputs.protect(source_files(self._baked.scene))
+        plan = plan_bake(self.mesh.name, output, mesh_output, report, self._options)
+        scene = self._baked.scene
+        with Outputs() as outputs, TemporaryDirectory() as scratch:
+            outputs.protect(source_files(scene))
             plan.claim(outputs)
-            files, messages = plan.write(outputs, self._baked)
+            plan.claim_mesh(outputs, scene)
+            written = plan.write(outputs, self._baked, Path(scratch))
             if plan.report is not None:
                 document = replace(
                     self.report,
-                    outputs=_report_outputs(files, outputs),
-                    warnings=(*self.report.warnings, *warnings_of(messages)),
-                    notes=(*self.report.notes, *notes_of(messages)),
+                    outputs=written.outputs(outputs),
+                    warnings=(*self.report.warnings, *warnings_of(written.messages)),
+                    notes=(*self.report.notes, *notes_of(written.messages)),
                 )
-                write_json(outputs.path(plan.report), document.to_dict())
-        tell(progress or Progress(), messages)
-        return files
+                write_json(outputs.path(plan.report.path), document.to_dict())
+        tell(progress or Progress(), written.messages)
+        return written.files
 
 
 def bake(
@@ -193,7 +179,7 @@ class FileBake:
 
 def bake_file(
     mesh: Output,
-    output: Output | None = None,
+    output: Output | tuple[Output, ...] | None = None,
     *,
     mesh_output: Output | None = None,
     report: Output | None = None,
@@ -206,7 +192,7 @@ def bake_file(
 ) -> FileBake:
     """Bake a mesh file and write the texture and the mesh; outputs are checked before the work.
 
-    output            the texture or a folder, see `BakeResult.save`; by default <stem>_ao.png in the current folder
+    output            see `BakeResult.save`, or an image and a mesh; by default <stem>_ao.png in the current folder
     stem              of default names; None: the mesh's
     verify            measure the texture that was written, for the report
     outputs           receives the files, which the caller then moves to their places; None: they appear at the end
@@ -215,93 +201,29 @@ def bake_file(
     """
     options, progress = options or BakeOptions(), progress or Progress()
     mesh, timer = Path(mesh), StageTimer(progress)
-    stem = stem or mesh.stem
-    texture = output_path(output, f"{stem}_ao.png")
-    choose_bit_depth(texture, options.bit_depth)
+    plan = plan_bake(stem or mesh.stem, output, mesh_output, report, options)
     if verify:
         require_embreex()
-    with Outputs() if outputs is None else nullcontext(outputs) as outputs:
+    with Outputs() if outputs is None else nullcontext(outputs) as outputs, TemporaryDirectory() as scratch:
         outputs.protect([mesh])
-        claim_output(outputs, output, texture)
+        plan.claim(outputs)
         with timer.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
-        plan = _FilePlan(scene, stem, output, mesh_output, report, options)
-        plan.claim(outputs, texture=False)
+        plan.claim_mesh(outputs, scene)
         baked = bake_scene(scene, options, progress, timer, make_visibility)
         with timer.stage("write"):
-            files, messages = plan.write(outputs, baked)
-        messages = (*_messages(baked), *messages)
+            written = plan.write(outputs, baked, Path(scratch))
+        messages = (*_messages(baked), *written.messages)
         errors = None
         if verify:
-            errors = _measure(baked, read_image(outputs.written(files.texture)), options, progress, timer)
+            errors = _measure(baked, read_image(written.texture), options, progress, timer)
             messages += _warn_of_shared_uvs(baked)
-        names = _report_outputs(files, outputs)
-        document = bake_report(baked, options, names, errors, timer.seconds(), messages)
+        document = bake_report(baked, options, written.outputs(outputs), errors, timer.seconds(), messages)
         if plan.report is not None:
-            write_json(outputs.path(plan.report), document.to_dict())
+            write_json(outputs.path(plan.report.path), document.to_dict())
     tell(progress, messages)
-    return FileBake(files, baked, document)
-
-
-class _FilePlan:
-    """Where the files of a bake go; raises UsageError for names that cannot be written."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        stem: str,
-        output: Output | None,
-        mesh_output: Output | None,
-        report: Output | None,
-        options: BakeOptions,
-    ) -> None:
-        self._stem, self._output, self._mesh_output, self._report = stem, output, mesh_output, report
-        self._options = options
-        self.texture = output_path(output, f"{stem}_ao.png")
-        choose_bit_depth(self.texture, options.bit_depth)
-        self.mesh = self._mesh_path(output_mesh_extension(scene)[0])
-        self.report = None if report is None else output_path(report, f"{stem}_report.json", "report")
-
-    def claim(self, outputs: Outputs, *, texture: bool = True) -> None:
-        """Make sure that the files can be written."""
-        if texture:
-            claim_output(outputs, self._output, self.texture)
-        claim_output(outputs, self._mesh_output, self.mesh)
-        if self.report is not None:
-            claim_output(outputs, self._report, self.report)
-
-    def write(self, outputs: Outputs, baked: Baked) -> tuple[BakeFiles, tuple[str, ...]]:
-        """Write the texture and the mesh; return their paths, and warnings and notes about the mesh."""
-        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
-        path = self._mesh_path(suffix)
-        text = options_text(baked.options)
-        write_image(outputs.path(self.texture), baked.texture.values, self._options.bit_depth, text)
-        messages = write_baked_mesh(
-            outputs,
-            path,
-            baked.scene,
-            baked.atlas,
-            baked.normals,
-            self.texture,
-            pack=self._options.pack,
-            options=baked.options,
-        )
-        reasons = (Note(reason),) if reason and self._mesh_output is None else ()
-        return BakeFiles(self.texture, path), (*messages, *reasons)
-
-    def _mesh_path(self, suffix: str) -> Path:
-        default = self.texture.parent / f"{self._stem}_ao{suffix}"
-        path = output_path(self._mesh_output, default, "mesh_output")
-        check_mesh_extension(path, self._options.pack)
-        return path
-
-
-def _report_outputs(files: BakeFiles, outputs: Outputs) -> BakeOutputs:
-    """Name the files; `others` go with the mesh (.mtl, .bin, images)."""
-    named = {files.texture.resolve(), files.mesh.resolve()}
-    others = sorted(str(files.mesh.parent / path.name) for path in outputs.files if path not in named)
-    return BakeOutputs(str(files.texture), str(files.mesh), tuple(others))
+    return FileBake(written.files, baked, document)
 
 
 def _measure(

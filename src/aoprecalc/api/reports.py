@@ -142,12 +142,34 @@ class PartRoles(Report):
 
 
 @dataclass(frozen=True)
+class AoReference(Report):
+    """Where the mesh file refers to the texture.
+
+    slot        as the format calls it: occlusionTexture, baseColorTexture, map_Kd, map_Ka, TextureFile
+    materials   how many refer to it so; None for PLY, which has no materials
+    uvs         as the format calls them: TEXCOORD_1, vt, s and t
+    packed      the texture also holds their roughness and metalness
+    """
+
+    slot: str
+    materials: int | None
+    uvs: str
+    packed: bool
+
+
+@dataclass(frozen=True)
 class BakeOutputs(Report):
-    """Paths of the files; None before they are saved. `others` go with the mesh (.mtl, .bin, images)."""
+    """Paths of the files, None before they are saved, and where the mesh refers to the texture.
+
+    texture      None also where the texture is inside the mesh, a GLB
+    others       files that go with the mesh: .mtl, .bin, images
+    references   empty before the files are saved
+    """
 
     texture: str | None = None
     mesh: str | None = None
     others: tuple[str, ...] = ()
+    references: tuple[AoReference, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,12 @@ from aoprecalc.io import Outputs, load_scene, numbers, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
 from aoprecalc.options import SphereOptions
+from aoprecalc.options.extensions import names_extensions
 from aoprecalc.progress import Progress, tell
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.types import Float64Array, Scene, SphereSet
+
+Output = str | PathLike[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +68,15 @@ class SphereResult:
         document: dict[str, Any] = json.loads(self.to_json())
         return document
 
+    @names_extensions
     def save(self, output: str | PathLike[str]) -> Path:
         """Write the spheres, as the command line does.
 
         Parameters
         ----------
         output : str or path-like
-            A file, its format by the extension (.json .csv .npz .ply .obj .glb .yml .yaml .urdf .usda), or a folder:
-            one that exists, or a name that ends in a slash, which is made. There it is ``<name>_spheres.json``.
+            A file, its format by the extension ({sphere sets}), or a folder: one that exists, or a name that ends in a
+            slash, which is made. There it is ``<name>_spheres.json``.
 
         Returns
         -------
@@ -90,8 +94,11 @@ class SphereResult:
         with Outputs() as outputs:
             outputs.protect(source_files(self._scene))
             claim_output(outputs, output, path)
-            write_sphere_set(outputs.path(path), self.spheres, self.quality.to_dict(), self._scene)
+            self._write(outputs, path)
         return path
+
+    def _write(self, outputs: Outputs, path: Path) -> None:
+        write_sphere_set(outputs.path(path), self.spheres, self.quality.to_dict(), self._scene)
 
 
 def fit_spheres(
@@ -225,31 +232,34 @@ def load_spheres(path: str | PathLike[str]) -> tuple[Float64Array, Float64Array]
 
 def fit_spheres_file(
     mesh: str | PathLike[str],
-    output: str | PathLike[str] | None = None,
+    output: Output | tuple[Output, ...] | None = None,
     *,
     outputs: Outputs | None = None,
     options: SphereOptions | None = None,
     progress: Progress | None = None,
-) -> tuple[Path, SphereResult]:
-    """Fit spheres to a mesh file and write them; the output is checked before the work.
+) -> tuple[tuple[Path, ...], SphereResult]:
+    """Fit spheres to a mesh file and write them, all files or none; the outputs are checked before the work.
 
-    output   see `SphereResult.save`; by default <stem>_spheres.json in the current folder
-    outputs  receives the file, which the caller then moves to its place; None: it appears at the end
+    output   see `SphereResult.save`, or several; by default <stem>_spheres.json in the current folder
+    outputs  receives the files, which the caller then moves to their places; None: they appear at the end
     Raises what `fit_spheres` and `SphereResult.save` raise; then no file is left behind.
     """
     options, progress = options or SphereOptions(), progress or Progress()
     mesh = Path(mesh)
-    path = _sphere_path(output, mesh.stem, has_levels=bool(options.levels))
+    given = output or (None,) if isinstance(output, tuple) else (output,)
+    paths = tuple(_sphere_path(wanted, mesh.stem, has_levels=bool(options.levels)) for wanted in given)
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
-        claim_output(outputs, output, path)
+        for wanted, path in zip(given, paths, strict=True):
+            claim_output(outputs, wanted, path)
         with progress.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         result = _fit(scene, mesh.stem, options, progress)
-        write_sphere_set(outputs.path(path), result.spheres, result.quality.to_dict(), scene)
+        for path in paths:
+            result._write(outputs, path)
     _warn(scene, progress)
-    return path, result
+    return paths, result
 
 
 def measure_sphere_file(

@@ -1,12 +1,16 @@
 """`aoprecalc bake`."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
+from aoprecalc.errors import counted
 from aoprecalc.options import BakeOptions
+
+if TYPE_CHECKING:
+    from aoprecalc.api.reports import BakeReport
 
 
 @click.command(cls=Command, short_help="Bake an ambient-occlusion texture.")
@@ -16,16 +20,18 @@ from aoprecalc.options import BakeOptions
     "--output",
     metavar="PATH",
     group="Output",
+    multiple=True,
     shown="<stem>_ao.png",
-    help="The texture (.png .exr .tif .jpg .tga .bmp), or a folder.",
-    more="The folder exists, or the name ends in a slash; then it is made.",
+    help="The texture ({images}), with the mesh beside it; a mesh ({baked meshes}), with the texture inside a .glb, "
+    "else beside it; or a folder. May be repeated: a texture and a mesh.",
+    more="Files beside each other have the same stem. A folder exists, or its name ends in a slash; then it is made.",
 )
 @option(
     "--mesh-output",
     metavar="PATH",
     group="Output",
-    shown="<stem>_ao.<ext> beside the texture",
-    help="The mesh with the texture's UVs (.obj .ply .gltf .glb).",
+    shown="beside the texture",
+    help="The mesh with the texture's UVs ({baked meshes}), or a folder.",
 )
 @option(
     "--verify",
@@ -37,7 +43,7 @@ from aoprecalc.options import BakeOptions
 @options_of(BakeOptions)
 @output_options
 def bake(mesh: str, **given: Any) -> None:
-    """Bake the ambient occlusion of MESH (.obj .ply .stl .off .gltf .glb .dae .zae .3mf) into a texture.
+    """Bake the ambient occlusion of MESH ({meshes}) into a texture.
 
     Writes the texture and the mesh that it belongs to.
     """
@@ -54,11 +60,29 @@ def bake(mesh: str, **given: Any) -> None:
         click.echo(json_text(report.to_dict()), nl=False)
         return
     texture_size = f"{report.texels.width} x {report.texels.height}"
-    click.echo(f"{files.texture}  {texture_size}, mean {report.ao.mean:.3f}, {report.directions} directions")
+    texture = f"texture inside {files.mesh}" if files.texture is None else files.texture
+    click.echo(f"{texture}  {texture_size}, mean {report.ao.mean:.3f}, {report.directions} directions")
     if options.target_error is not None and report.estimated_error is not None:
         click.echo(f"estimated sampling error {report.estimated_error:.4f}")
     if report.verify is not None:
         error = report.verify.levels[0]
         click.echo(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
     others = "".join(f" + {name}" for name in report.outputs.others)
-    click.echo(f"{files.mesh}{others}  {report.input.triangles} triangles")
+    click.echo(f"{files.mesh}{others}  {counted(report.input.triangles, 'triangle')}")
+    click.echo(_where(report))
+
+
+def _where(report: "BakeReport") -> str:
+    """Return the line that says where the mesh refers to the texture, and on which UVs."""
+    unwrap, slots = report.unwrap, dict[tuple[str, int | None, bool], list[str]]()
+    for use in report.outputs.references:
+        slots.setdefault((use.uvs, use.materials, use.packed), []).append(use.slot)
+    if not slots:
+        return "no material refers to the texture"
+    places = []
+    for (uvs, materials, packed), names in slots.items():
+        count = "" if materials is None else f" of {counted(materials, 'material')}"
+        inside = ", with roughness and metalness" if packed else ""
+        places.append(f"{' and '.join(names)}{count}{inside}, {uvs}")
+    source = "the file's own UVs" if unwrap.uv_set is not None else f"new UVs by {unwrap.method}"
+    return f"{'; '.join(places)} ({source})"

@@ -9,6 +9,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from aoprecalc.errors import ArgumentError, option_name
+from aoprecalc.options.extensions import with_extensions
 from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
 
 # Headings of `--help`, in their order; what has none of them comes last.
@@ -47,10 +48,11 @@ class CliOption(click.Option):
     """
 
     def __init__(self, *names: Any, group: str = "", more: str = "", shown: str = "", **given: Any) -> None:
-        """Declare an option as click does."""
+        """Declare an option as click does; its texts may name lists of extensions, see `with_extensions`."""
         given.setdefault("type", _PATHS.get(given.get("metavar") or ""))
         super().__init__(*names, **given)
-        self.group, self.more, self.shown = group, more, shown
+        self.help = with_extensions(self.help or "")
+        self.group, self.more, self.shown = group, with_extensions(more), shown
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Return names and help; the help ends with the default in words."""
@@ -63,6 +65,11 @@ class CliOption(click.Option):
 
 class Command(click.Command):
     """A command whose `--help` lists its options under headings."""
+
+    def __init__(self, *names: Any, **given: Any) -> None:
+        """Declare a command as click does; its text may name lists of extensions, see `with_extensions`."""
+        super().__init__(*names, **given)
+        self.help = with_extensions(self.help or "")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, group by group."""

@@ -7,7 +7,7 @@ from click.core import ParameterSource
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
-from aoprecalc.errors import UsageError, option_name
+from aoprecalc.errors import UsageError, counted, option_name
 from aoprecalc.options import SphereOptions
 
 
@@ -18,8 +18,9 @@ from aoprecalc.options import SphereOptions
     "--output",
     metavar="PATH",
     group="Output",
+    multiple=True,
     shown="<stem>_spheres.json",
-    help="The sphere set (.json .csv .npz .ply .obj .glb .yml .yaml .urdf .usda), or a folder.",
+    help="The sphere set ({sphere sets}), or a folder. May be repeated: each file is written.",
 )
 @options_of(SphereOptions)
 @option(
@@ -31,7 +32,7 @@ from aoprecalc.options import SphereOptions
 )
 @output_options
 def spheres(mesh: str, **given: Any) -> None:
-    """Fit spheres to MESH (.obj .ply .stl .off .gltf .glb .dae .zae .3mf), for soft shadows or collisions.
+    """Fit spheres to MESH ({meshes}), for soft shadows or collisions.
 
     Writes them in the mesh's own coordinates, in the format of the output's extension.
     """
@@ -47,16 +48,16 @@ def spheres(mesh: str, **given: Any) -> None:
         figures = quality.to_dict()
         click.echo(quality_document(count, figures) if as_json else _table(figures), nl=False)
         return
-    path, result = fit_spheres_file(mesh, output, options=take(SphereOptions, given), progress=console)
+    paths, result = fit_spheres_file(mesh, output, options=take(SphereOptions, given), progress=console)
     if as_json:
         click.echo(result.to_json(), nl=False)
         return
     fitted, quality = result.spheres, result.quality
     state = "converged" if fitted.converged else "not converged"
-    effort = f"{state} after {fitted.iterations} iterations"
+    effort = f"{state} after {counted(fitted.iterations, 'iteration')}"
     if fitted.radius_rule == "own":
-        effort = f"after {fitted.iterations} steps"
-    click.echo(f"{path}  {len(fitted)} sphere{'s' if len(fitted) > 1 else ''}, {effort}")
+        effort = f"after {counted(fitted.iterations, 'step')}"
+    click.echo(f"{' + '.join(map(str, paths))}  {counted(len(fitted), 'sphere')}, {effort}")
     parts = "" if quality.leak is None else f", leak {quality.leak:.3f}, spill {quality.spill:.3f}"
     error = f"surface error {quality.surface_error_mean:.4f} of the diagonal"
     click.echo(f"silhouette IoU {quality.silhouette_iou:.3f}{parts}; {error}")

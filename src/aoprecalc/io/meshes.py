@@ -5,7 +5,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError
 from aoprecalc.io.baked_options import read_options
 from aoprecalc.io.formats.arrays import ArraysFormat
-from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo
+from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo, WrittenMesh
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.off import OffFormat
@@ -171,8 +171,8 @@ def write_baked_mesh(
     *,
     pack: Pack = "none",
     options: ValueOptions | None = None,
-) -> tuple[str, ...]:
-    """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension; return messages.
+) -> WrittenMesh:
+    """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension.
 
     outputs        receives all files: the mesh and what belongs to it (.mtl, .bin, copies of images)
     normals        (f, 3, 3) float32, unit length: the shading normals that were used
@@ -189,10 +189,11 @@ def write_baked_mesh(
     path, source = Path(mesh_path), _scene_format(scene)
     mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options)
     try:
-        messages = format_of(path).write_with_ao(outputs, path, mesh)
+        written = format_of(path).write_with_ao(outputs, path, mesh)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
-    return (*messages, *([f"{path}: {source.name} was read without {source.not_read}"] if source.not_read else []))
+    not_read = (f"{path}: {source.name} was read without {source.not_read}",) if source.not_read else ()
+    return replace(written, messages=(*written.messages, *not_read))
 
 
 # The occlusion texture of a mesh.

@@ -44,8 +44,10 @@ class Outputs(AbstractContextManager["Outputs"]):
         return list(self._pending)
 
     def protect(self, paths: Iterable[str | os.PathLike[str]]) -> None:
-        """Refuse to overwrite these files, which belong to the input."""
+        """Refuse to overwrite these files, which belong to the input; raises UsageError where one is claimed."""
         self._protected.update(_real(path) for path in paths)
+        for target in sorted(self._claimed & self._protected):
+            raise _belongs_to_input(target)
 
     def folder(self, path: str | os.PathLike[str]) -> Path:
         """Create a folder and its parents where they are missing; they are removed again if the block fails.
@@ -98,7 +100,7 @@ class Outputs(AbstractContextManager["Outputs"]):
         if target in self._pending:
             raise UsageError(f"{final}: two outputs have this name; give each its own")
         if target in self._protected:
-            raise UsageError(f"{final}: belongs to the input itself; choose another name or folder for the output")
+            raise _belongs_to_input(final)
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "no regular file"
             raise OutputError(f"{final}: is {kind}, a file name was expected; choose another output")
@@ -136,6 +138,10 @@ class Outputs(AbstractContextManager["Outputs"]):
                 os.replace(temporary, target)
             except OSError as error:
                 raise OutputError(f"{target}: cannot be replaced ({error.strerror}); choose another output") from error
+
+
+def _belongs_to_input(path: str | os.PathLike[str]) -> UsageError:
+    return UsageError(f"{path}: belongs to the input itself; choose another name or folder for the output")
 
 
 def _real(path: str | os.PathLike[str]) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from aoprecalc.api.bake import bake_file
-from aoprecalc.api.reports import BakeOutputs, BakeReport
+from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.spheres import fit_spheres_file
 from aoprecalc.errors import AoprecalcError, KilledError, option_name
 from aoprecalc.io import Outputs
@@ -27,18 +27,16 @@ class JobSpec:
 
     bake             options of the texture; None: no texture
     spheres          options of the sphere set; None: no spheres
-    texture_suffix   file extension of the texture
-    mesh_suffix      file extension of its mesh; empty: as `aoprecalc bake` chooses
+    bake_output      file extensions as `aoprecalc bake -o` takes them: of an image, of a mesh, or both
     verify           measure the texture against ray tracing, for the report
-    spheres_suffix   file extension of the sphere set
+    spheres_output   file extensions of the sphere set, each of which is written
     """
 
     bake: BakeOptions | None = None
     spheres: SphereOptions | None = None
-    texture_suffix: str = ".png"
-    mesh_suffix: str = ""
+    bake_output: tuple[str, ...] = (".png",)
     verify: bool = False
-    spheres_suffix: str = ".json"
+    spheres_output: tuple[str, ...] = (".json",)
 
     def with_threads(self, threads: int) -> "JobSpec":
         """Return the same spec with this many threads, unless it has a number of threads already."""
@@ -223,8 +221,7 @@ def _run(job: Job, progress: JobProgress, make_visibility: VisibilityFactory) ->
         if spec.bake is not None:
             baked = bake_file(
                 job.mesh,
-                folder / f"{job.stem}_ao{spec.texture_suffix}",
-                mesh_output=folder / f"{job.stem}_ao{spec.mesh_suffix}" if spec.mesh_suffix else None,
+                tuple(folder / f"{job.stem}_ao{suffix}" for suffix in spec.bake_output),
                 stem=job.stem,
                 verify=spec.verify,
                 outputs=outputs,
@@ -238,7 +235,7 @@ def _run(job: Job, progress: JobProgress, make_visibility: VisibilityFactory) ->
         if spec.spheres is not None:
             _, fitted = fit_spheres_file(
                 job.mesh,
-                folder / f"{job.stem}_spheres{spec.spheres_suffix}",
+                tuple(folder / f"{job.stem}_spheres{suffix}" for suffix in spec.spheres_output),
                 outputs=outputs,
                 options=spec.spheres,
                 progress=progress,
@@ -258,8 +255,9 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
     return replace(
         report,
         input=replace(report.input, path=path_from(job.mesh, job.folder)),
-        outputs=BakeOutputs(
-            texture=Path(outputs.texture or "").name,
+        outputs=replace(
+            outputs,
+            texture=None if outputs.texture is None else Path(outputs.texture).name,
             mesh=Path(outputs.mesh or "").name,
             others=tuple(Path(other).name for other in outputs.others),
         ),

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, defstruct
 
+from aoprecalc.api.bake_files import plan_bake
 from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
@@ -40,8 +41,10 @@ def _type_of(field: OptionField) -> Any:
     return Annotated[plain | str if field.option.quantity else plain, Meta(description=field.expected)]
 
 
-def _one_of(*choices: str) -> Any:
-    return Annotated[Literal[choices], Meta(description=f"one of {', '.join(filter(None, choices))}")]
+def _extensions(known: tuple[str, ...], several: str) -> Any:
+    """Return the type of a key `output`: an extension or a list of them; `several` says what a list may hold."""
+    description = f"one of {', '.join(known)}, or a list of {several}"
+    return Annotated[Literal[known] | list[Literal[known]], Meta(description=description)]  # type: ignore[valid-type]
 
 
 def _table_type(name: str, kind: type, **others: Any) -> type[Struct]:
@@ -51,16 +54,15 @@ def _table_type(name: str, kind: type, **others: Any) -> type[Struct]:
     return defstruct(name, fields, forbid_unknown_fields=True, kw_only=True)
 
 
-_BAKE_KEYS = {"texture": "texture_suffix", "mesh": "mesh_suffix", "verify": "verify"}  # key of a table -> field
+_BAKE_OUTPUTS = (*IMAGE_EXTENSIONS, *OUTPUT_MESH_EXTENSIONS)
 _SWITCH = Annotated[bool, Meta(description="true or false")]
 _BakeTable = _table_type(
     "_BakeTable",
     BakeOptions,
-    texture=_one_of(*IMAGE_EXTENSIONS),
-    mesh=_one_of("", *OUTPUT_MESH_EXTENSIONS),
+    output=_extensions(_BAKE_OUTPUTS, "an image's and a mesh's"),
     verify=_SWITCH,
 )
-_SphereTable = _table_type("_SphereTable", SphereOptions, format=_one_of(*SPHERE_EXTENSIONS))
+_SphereTable = _table_type("_SphereTable", SphereOptions, output=_extensions(SPHERE_EXTENSIONS, "several"))
 _EXPECTED_TABLE = Meta(description="a table of its options, true or false")
 _BakeChoice = Annotated[bool | _BakeTable | None, _EXPECTED_TABLE]  # type: ignore[valid-type]
 _SphereChoice = Annotated[bool | _SphereTable | None, _EXPECTED_TABLE]  # type: ignore[valid-type]
@@ -98,15 +100,27 @@ def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
     made: dict[str, Any] = {}
     if bake is not None:
         rest = dict(bake)
-        made = {name: rest.pop(key) for key, name in _BAKE_KEYS.items() if key in rest}
+        made["bake_output"] = _suffixes(rest.pop("output", JobSpec.bake_output), _BAKE_OUTPUTS)
+        made["verify"] = rest.pop("verify", JobSpec.verify)
         made["bake"] = BakeOptions(**rest)
+        plan_bake("", tuple(f"<name>_ao{suffix}" for suffix in made["bake_output"]), None, None, made["bake"])
     if spheres is not None:
         if len(counts := sorted(COUNTS & spheres.keys())) > 1:
             raise ArgumentError(counts[0], f"and {{{counts[1]}}} both say how many spheres; use one of them", counts[1])
         rest = dict(spheres)
-        made["spheres_suffix"] = rest.pop("format", JobSpec.spheres_suffix)
+        made["spheres_output"] = _suffixes(rest.pop("output", JobSpec.spheres_output), SPHERE_EXTENSIONS)
         made["spheres"] = SphereOptions(**rest)
     return JobSpec(**made)
+
+
+def _suffixes(output: Any, known: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the extensions that an argument `output` names, each once; raises ArgumentError for anything else."""
+    wanted = (output,) if isinstance(output, str) else tuple(output)
+    for suffix in wanted:
+        if suffix not in known:
+            found = f"is {suffix!r}; for the results of a batch an extension was expected, one of {', '.join(known)}"
+            raise ArgumentError("output", f"{found}; their names come from the meshes")
+    return tuple(dict.fromkeys(wanted))
 
 
 def convert(document: Table, kind: type[Document]) -> Document:

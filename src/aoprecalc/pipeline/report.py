@@ -177,15 +177,19 @@ def reproduce_commands(result: AssetResult) -> list[str]:
     lines = []
     if spec.bake is not None:
         words = as_words(spec.bake)
-        words += ["-o", f"{stem}_ao{spec.texture_suffix}"] if spec.texture_suffix != JobSpec.texture_suffix else []
-        words += ["--mesh-output", f"{stem}_ao{spec.mesh_suffix}"] if spec.mesh_suffix != JobSpec.mesh_suffix else []
+        words += _output_words(f"{stem}_ao", spec.bake_output, JobSpec.bake_output)
         words += ["--verify"] if spec.verify else []
         lines.append(shlex.join(["aoprecalc", "bake", *words, *arguments]))
     if spec.spheres is not None:
         words = as_words(spec.spheres)
-        words += ["-o", f"{stem}_spheres{spec.spheres_suffix}"] if spec.spheres_suffix != JobSpec.spheres_suffix else []
+        words += _output_words(f"{stem}_spheres", spec.spheres_output, JobSpec.spheres_output)
         lines.append(shlex.join(["aoprecalc", "spheres", *words, *arguments]))
     return lines
+
+
+def _output_words(stem: str, suffixes: tuple[str, ...], default: tuple[str, ...]) -> list[str]:
+    """Return the options -o that name files with these extensions; none for the default."""
+    return [word for suffix in suffixes for word in ("-o", f"{stem}{suffix}")] if suffixes != default else []
 
 
 def _asset_report(result: AssetResult, output: Path) -> AssetReport:

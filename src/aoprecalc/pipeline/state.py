@@ -123,10 +123,9 @@ def spec_key(asset: Asset, output: Path) -> str:
             "bake": _relevant_options(asset.spec.bake),
             "spheres": _relevant_options(asset.spec.spheres),
             "others": [
-                asset.spec.texture_suffix,
-                asset.spec.mesh_suffix,
+                asset.spec.bake_output,
                 asset.spec.verify,
-                asset.spec.spheres_suffix,
+                asset.spec.spheres_output,
             ],
             # results refer to the mesh and to files beside it by paths relative to their own folder
             "way": path_from(asset.mesh.parent, output / asset.folder),

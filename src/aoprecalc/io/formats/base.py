@@ -41,6 +41,30 @@ class MeshWithAo:
 
 
 @dataclass(frozen=True)
+class TextureReference:
+    """Where a mesh file refers to its baked texture.
+
+    slot        as the format calls it: occlusionTexture, baseColorTexture, map_Kd, map_Ka, TextureFile
+    uvs         as the format calls them: TEXCOORD_1, vt, s and t
+    materials   how many refer to it so; None for a format without materials
+    packed      the texture also holds their roughness and metalness
+    """
+
+    slot: str
+    uvs: str
+    materials: int | None = None
+    packed: bool = False
+
+
+@dataclass(frozen=True)
+class WrittenMesh:
+    """What was written for a MeshWithAo: where it refers to the texture, and warnings and notes for the user."""
+
+    references: tuple[TextureReference, ...] = ()
+    messages: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class ImageSource:
     """An image that a mesh file refers to.
 
@@ -131,8 +155,8 @@ class MeshFormat(ABC):
             return f".{scene.format}", ""
         return ".glb", f"{self.name} holds no UVs, so the mesh becomes a GLB"
 
-    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
-        """Write a scene of any format with the UVs, normals and texture of its bake; return warnings and notes."""
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
+        """Write a scene of any format with the UVs, normals and texture of its bake."""
         raise NotImplementedError(f"{self.name} is not written")
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:

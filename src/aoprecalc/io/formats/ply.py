@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import (
     ImageSource,
     MeshFormat,
     MeshWithAo,
     PartOcclusion,
     SourceDocument,
+    TextureReference,
+    WrittenMesh,
     first_uvs,
     output_uvs,
     source_polygons,
@@ -291,16 +294,19 @@ class PlyFormat(MeshFormat):
         texture = _document(scene).texture
         return [scene.path, *([] if texture is None else [texture])]
 
-    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a PLY; see `write_ply`."""
         write_ply(outputs, path, mesh)
-        return self.losses(path, mesh)
+        return WrittenMesh((TextureReference("TextureFile", " and ".join(_UVS)),), self.losses(path, mesh))
 
     def losses(self, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
         """Warn about parts that do not receive, too: all vertices have UVs here."""
         others = sum(not part.receives for part in mesh.scene.parts)
-        shown = f"{path}: PLY holds one texture, which {others} parts without ambient occlusion show as well"
-        return (*([f"{shown}; write a .glb"] if others else []), *super().losses(path, mesh))
+        without = (
+            f"{counted(others, 'part')} without ambient occlusion {one_or_many(others, 'shows', 'show')} it as well"
+        )
+        shown = f"{path}: PLY holds one texture; {without}; write a .glb"
+        return (*([shown] if others else []), *super().losses(path, mesh))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the texture of the PLY."""

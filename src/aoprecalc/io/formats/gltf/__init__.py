@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
@@ -37,7 +37,7 @@ class GltfFormat(MeshFormat):
         """Return the document and the files of its buffers and images."""
         return [scene.path, *_document(scene).files()]
 
-    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a .gltf or .glb with the texture as occlusion texture; see `write_gltf`."""
         return write_gltf(outputs, path, mesh)
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.builder import read_file
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json, data_uri, local_file
@@ -19,6 +19,8 @@ from aoprecalc.progress import Note
 
 REPEAT, CLAMP_TO_EDGE = 10497, 33071
 LINEAR, LINEAR_MIPMAP_LINEAR = 9729, 9987
+
+_MAX_NAMES = 20  # of missing files in a warning
 
 # The types of glTF images by their first bytes; WebP and KTX2 need extensions.
 _MIME_TYPES = {
@@ -83,11 +85,10 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
 
     source   the path of the source document; a .gltf in its folder refers to the same files
 
-    Returns warnings about files that are missing.
+    References to files that are missing stay as they are. Returns a warning about these, and others.
     """
     embed = _embeds(path)
-    if not embed and path.parent.resolve() == source.parent.resolve():
-        return ()
+    stay = not embed and path.parent.resolve() == source.parent.resolve()
     warnings, missing = [], []
     copies: dict[Path, str] = {}
     for image in filter(None, document.get("images", [])):
@@ -99,9 +100,11 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
         if file is None:
             continue
         try:
-            data = read_file(file)
+            data = b"" if stay and file.is_file() else read_file(file)
         except OSError:
-            missing.append(file.name)
+            missing.append(unquote(uri))
+            continue
+        if stay:
             continue
         if not embed and (_mime_type(data) or file.resolve().is_relative_to(source.parent.resolve())):
             if file not in copies:
@@ -113,8 +116,19 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
             warnings.append(f"{path}: {found} {uri[:60]!a}; it is referred to by its path")
             image["uri"] = relative_uri(file, path)
     if missing:
-        warnings.append(f"{len(missing)} images cannot be read and are missing from the result: {', '.join(missing)!a}")
+        warnings.append(_missing(source, list(dict.fromkeys(missing))))
     return tuple(warnings)
+
+
+def _missing(source: Path, names: list[str]) -> str:
+    """Return the warning about image files that the source document refers to and that are not there."""
+    shown = ", ".join(f"{name!a}" for name in names[:_MAX_NAMES])
+    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    it, was = one_or_many(len(names), "it", "they"), one_or_many(len(names), "was", "were")
+    still = (
+        f"{it} {was} missing before the bake, and the result still refers to {one_or_many(len(names), 'it', 'them')}"
+    )
+    return f"{source} refers to {counted(len(names), 'image')} that cannot be read: {shown}{more}; {still}"
 
 
 def _embed(image: Json, buffer: GltfBuffer, data: bytes) -> bool:

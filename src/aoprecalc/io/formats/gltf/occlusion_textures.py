@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.baked_options import EXTRAS, options_document
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
@@ -56,7 +56,7 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     if materials:  # the schema forbids empty lists
         document["materials"] = materials
     replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
-    notes = (Note(f"the occlusion textures of {replaced} materials were replaced"),) if replaced else ()
+    notes = (Note(f"the occlusion textures of {counted(replaced, 'material')} were replaced"),) if replaced else ()
     return {made[key]: key[1] for key in made}, notes
 
 
@@ -184,7 +184,8 @@ def pack_orm(
     if not obstacles:
         return images, ()
     reasons = ", ".join(f"{times} {obstacle}" for obstacle, times in obstacles.items())
-    found = f"{obstacles.total()} of {len(materials)} materials get an occlusion image that is not packed"
+    get = f"{counted(len(materials), 'material')} {one_or_many(obstacles.total(), 'gets', 'get')}"
+    found = f"{obstacles.total()} of {get} an occlusion image that is not packed"
     return images, (f"{found}: {reasons}",)
 
 

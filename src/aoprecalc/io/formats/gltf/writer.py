@@ -2,7 +2,8 @@
 
 import json
 import struct
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from aoprecalc.io.formats.base import (
     MaterialUse,
     MeshWithAo,
     SourceMaterial,
+    TextureReference,
+    WrittenMesh,
     material_names,
     material_use,
     source_materials,
@@ -70,11 +73,18 @@ def new_document(
     return json, buffer, texcoords
 
 
-def show_texture(json: Json, texcoords: dict[tuple[int, int], int], texture: int) -> None:
-    """Make the baked texture the base colour, too, of materials without one: simple viewers show only that."""
-    for (mesh, index), texcoord in texcoords.items():
-        material = json["materials"][json["meshes"][mesh]["primitives"][index]["material"]]
-        material["pbrMetallicRoughness"].setdefault("baseColorTexture", texture_info(texture, texcoord))
+def show_texture(json: Json, materials: Mapping[int, int], texture: int) -> dict[int, int]:
+    """Make the baked texture the base colour, too, of materials without one: simple viewers show only that.
+
+    materials   index of a material -> the n of its TEXCOORD_n; returned for those that show it
+    """
+    shown = {}
+    for index, texcoord in materials.items():
+        color = json["materials"][index]["pbrMetallicRoughness"]
+        if "baseColorTexture" not in color:
+            color["baseColorTexture"] = texture_info(texture, texcoord)
+            shown[index] = texcoord
+    return shown
 
 
 def _groups(scene: Scene) -> dict[tuple[str, MaterialUse], list[Part]]:
@@ -122,8 +132,8 @@ def _valid_unicode(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
-def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
-    """Write a .gltf or .glb with the texture as occlusion texture; return warnings and notes.
+def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
+    """Write a .gltf or .glb with the texture as occlusion texture.
 
     The document of a glTF source is otherwise kept. A scene from another format gets a new document, in which the
     texture is also the base colour of materials that have no texture of their own.
@@ -138,7 +148,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
         document, buffer, texcoords = new_document(scene, atlas, mesh.normals)
     materials, notes = own_materials(document, texcoords)
     messages += notes
-    text, packed = options_text(mesh.options), dict[int, OrmImage]()
+    text, packed, shown = options_text(mesh.options), dict[int, OrmImage](), dict[int, int]()
     if mesh.pack == "orm":
         so_far = GltfDocument(scene.path, document, (buffer.data,))
         packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)
@@ -153,11 +163,23 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...
         messages += notes
         textures = dict.fromkeys(materials, number) | textures
         if is_new:
-            show_texture(document, texcoords, number)
+            shown = show_texture(document, materials, number)
     assign_textures(document, materials, textures, packed, extras)
     compact(document)
     _write(outputs, path, document, buffer.data)
-    return tuple(messages)
+    return WrittenMesh(_references(materials, shown, packed), tuple(messages))
+
+
+def _references(
+    materials: Mapping[int, int], shown: Mapping[int, int], packed: Mapping[int, OrmImage]
+) -> tuple[TextureReference, ...]:
+    """Count the materials that refer to the texture; the maps are from their indices to the n of their TEXCOORD_n."""
+    uses = Counter(("occlusionTexture", texcoord, index in packed) for index, texcoord in materials.items())
+    uses.update(("baseColorTexture", texcoord, False) for texcoord in shown.values())
+    return tuple(
+        TextureReference(slot, f"TEXCOORD_{texcoord}", count, is_packed)
+        for (slot, texcoord, is_packed), count in uses.items()
+    )
 
 
 def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:

@@ -1,6 +1,7 @@
 """Wavefront OBJ with its material library (MTL)."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from aoprecalc.io.formats.base import (
@@ -8,6 +9,7 @@ from aoprecalc.io.formats.base import (
     MeshFormat,
     MeshWithAo,
     PartOcclusion,
+    WrittenMesh,
     first_uvs,
     material_use,
     source_materials,
@@ -59,9 +61,10 @@ class ObjFormat(MeshFormat):
         found = f"OBJ holds one set of UVs, which the textures of its materials ({names}) need"
         return ".glb", f"{found}, so the mesh becomes a GLB with both"
 
-    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
+    def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write an OBJ and its MTL; see `write_obj`."""
-        return write_obj(outputs, path, mesh) or self.losses(path, mesh)
+        written = write_obj(outputs, path, mesh)
+        return written if written.messages else replace(written, messages=self.losses(path, mesh))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return map_Ka of the part's material, else its map_Kd."""

@@ -1,6 +1,7 @@
 """Write Wavefront OBJ with an MTL that shows the ambient occlusion as the diffuse texture, or beside it."""
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.errors import counted
 from aoprecalc.io.formats.base import (
     MaterialUse,
     MeshWithAo,
+    TextureReference,
+    WrittenMesh,
     material_names,
     material_use,
     output_uvs,
@@ -30,8 +34,8 @@ _WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
 
 def library_lines(
     document: ObjDocument, names: dict[MaterialUse, str], source: Path, target: Path, texture: str, kept: bool
-) -> tuple[list[str], tuple[str, ...]]:
-    """Return the lines of an MTL at `target`, and warnings.
+) -> tuple[list[str], WrittenMesh]:
+    """Return the lines of an MTL at `target`, where they refer to the baked texture, and warnings.
 
     names     of the materials in the output, see `material_names`
     source    the path of the mesh that has the materials
@@ -42,6 +46,7 @@ def library_lines(
     """
     unknown = [MtlMaterial(material or "") for material, _ in names if material not in document.materials]
     lines: list[str] = []
+    slots = Counter[str]()
     lost = 0  # materials that lose textures
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
         name = material.name or None
@@ -53,12 +58,15 @@ def library_lines(
             remaining = [line for line in relocated if not (_is_ambient(line) if kept else names_texture(line))]
             lost += len(remaining) < len(relocated)
             statement = "map_Ka" if kept and material.texture else "map_Kd"
+            slots[statement] += 1
             lines += [f"newmtl {baked}", *(remaining or [_WHITE]), f"{statement} {texture}", ""]
-    if not lost:
-        return lines, ()
-    if kept:
-        return lines, (Note(f"the ambient textures (map_Ka) of {lost} materials were replaced"),)
-    return lines, (f"{target}: an MTL holds one set of UVs; the other textures of its materials are left out",)
+    messages: tuple[str, ...] = ()
+    if lost and kept:
+        messages = (Note(f"the ambient textures (map_Ka) of {counted(lost, 'material')} were replaced"),)
+    elif lost:
+        messages = (f"{target}: an MTL holds one set of UVs; the other textures of its materials are left out",)
+    references = tuple(TextureReference(slot, "vt", materials) for slot, materials in slots.items())
+    return lines, WrittenMesh(references, messages)
 
 
 def _is_ambient(line: str) -> bool:
@@ -234,8 +242,8 @@ def _replace_faces(
     return result
 
 
-def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
-    """Write an OBJ and, beside it, an MTL of the same stem; return warnings.
+def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
+    """Write an OBJ and, beside it, an MTL of the same stem.
 
     The lines of an OBJ source are kept except the faces that receive. Their materials show the texture as map_Kd and
     lose their other textures, which were made for other UVs. Where the file's own UVs were used the textures stay, and
@@ -248,9 +256,9 @@ def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[str, ...]
     edited = edit_lines(document, scene, atlas, mesh.normals, names)
     outputs.path(path).write_bytes(_encode([f"mtllib {library.name}", *edited]))
     texture = relative_path(mesh.texture, path)
-    lines, warnings = library_lines(document, names, scene.path, library, texture, kept=atlas.uv_set == 0)
+    lines, written = library_lines(document, names, scene.path, library, texture, kept=atlas.uv_set == 0)
     outputs.path(library).write_bytes(_encode(lines))
-    return warnings
+    return written
 
 
 def _encode(lines: Sequence[str]) -> bytes:

@@ -1,0 +1,221 @@
+"""The files of a bake: what they are called, whether they can be written, and writing them."""
+
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+
+from aoprecalc.api.reports import AoReference, BakeOutputs
+from aoprecalc.errors import ArgumentError, UsageError
+from aoprecalc.io import (
+    IMAGE_EXTENSIONS,
+    OUTPUT_MESH_EXTENSIONS,
+    Outputs,
+    check_mesh_extension,
+    choose_bit_depth,
+    output_mesh_extension,
+    write_baked_mesh,
+    write_image,
+)
+from aoprecalc.io.baked_options import options_text
+from aoprecalc.io.images import BIT_DEPTHS
+from aoprecalc.io.outputs import claim_output, output_path
+from aoprecalc.options import BakeOptions
+from aoprecalc.progress import Note
+from aoprecalc.types import Baked, Scene
+
+Output = str | PathLike[str]
+
+_EMBEDDED = ".png"  # the format of a texture inside a GLB
+
+
+@dataclass(frozen=True, eq=False)
+class BakeFiles:
+    """Paths of the files of a bake; others that go with the mesh are beside it.
+
+    Attributes
+    ----------
+    texture : Path or None
+        None where the texture is inside the mesh, a GLB.
+    mesh : Path
+    """
+
+    texture: Path | None
+    mesh: Path
+
+
+@dataclass(frozen=True)
+class WrittenBake:
+    """The files of a bake as they were written.
+
+    files       their final paths
+    texture     the texture now: a temporary file
+    references  where the mesh refers to the texture
+    messages    warnings and notes for the user
+    """
+
+    files: BakeFiles
+    texture: Path
+    references: tuple[AoReference, ...]
+    messages: tuple[str, ...]
+
+    def outputs(self, outputs: Outputs) -> BakeOutputs:
+        """Return what the report says about them; `others` go with the mesh (.mtl, .bin, images)."""
+        texture, mesh = self.files.texture, self.files.mesh
+        named = {path.resolve() for path in (texture, mesh) if path is not None}
+        others = sorted(str(mesh.parent / path.name) for path in outputs.files if path not in named)
+        return BakeOutputs(None if texture is None else str(texture), str(mesh), tuple(others), self.references)
+
+
+@dataclass(frozen=True)
+class _File:
+    """One file of a bake: its path, and what the user gave for it."""
+
+    path: Path
+    given: Output | None = None
+
+
+@dataclass(frozen=True)
+class BakePlan:
+    """Where the files of a bake go.
+
+    stem        of the texture, and of the mesh beside it
+    texture     None: inside the GLB
+    mesh        None: its name and extension are not given
+    mesh_given  the argument `mesh_output`
+    report      None: not asked for
+    options     of the bake
+    """
+
+    stem: str
+    texture: _File | None
+    mesh: _File | None
+    mesh_given: Output | None
+    report: _File | None
+    options: BakeOptions
+
+    def claim(self, outputs: Outputs) -> None:
+        """Make sure that the files whose names are known can be written; see Outputs.claim."""
+        for file in (self.texture, self.mesh, self.report):
+            if file is not None:
+                claim_output(outputs, file.given, file.path)
+
+    def claim_mesh(self, outputs: Outputs, scene: Scene) -> None:
+        """Do so for the mesh, where its extension is the scene's."""
+        if self.mesh is not None or self.texture is None:
+            return
+        try:
+            claim_output(outputs, self.mesh_given, self._mesh_path(output_mesh_extension(scene)[0]))
+        except UsageError as error:
+            raise UsageError(f"{error} (it is the mesh beside {self.texture.path}; see --mesh-output)") from error
+
+    def write(self, outputs: Outputs, baked: Baked, scratch: Path) -> WrittenBake:
+        """Write the texture and the mesh.
+
+        scratch   a folder for a texture that goes into a GLB only
+        """
+        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
+        mesh = self._mesh_path(suffix) if self.mesh is None else self.mesh.path
+        texture = scratch / f"{self.stem}{_EMBEDDED}" if self.texture is None else self.texture.path
+        written = texture if self.texture is None else outputs.path(texture)
+        write_image(written, baked.texture.values, self.options.bit_depth, options_text(baked.options))
+        made = write_baked_mesh(
+            outputs,
+            mesh,
+            baked.scene,
+            baked.atlas,
+            baked.normals,
+            texture,
+            pack=self.options.pack,
+            options=baked.options,
+        )
+        messages = made.messages
+        if reason and self.mesh is None and self.mesh_given is None:
+            messages += (Note(reason),)
+        references = tuple(AoReference(use.slot, use.materials, use.uvs, use.packed) for use in made.references)
+        return WrittenBake(BakeFiles(None if self.texture is None else texture, mesh), written, references, messages)
+
+    def _mesh_path(self, suffix: str) -> Path:
+        """Return the path of a mesh whose name is not given: that of the texture, with another extension."""
+        assert self.texture is not None  # a mesh that was asked for has a name
+        path = output_path(self.mesh_given, self.texture.path.parent / f"{self.stem}{suffix}", "mesh_output")
+        check_mesh_extension(path, self.options.pack)
+        return path
+
+
+def plan_bake(
+    stem: str,
+    output: Output | tuple[Output, ...] | None,
+    mesh_output: Output | None,
+    report: Output | None,
+    options: BakeOptions,
+) -> BakePlan:
+    """Return where the files of a bake go.
+
+    stem     of the mesh that is baked
+    output   an image, a mesh or a folder, or an image and a mesh; None: <stem>_ao.png
+
+    Raises UsageError for an unknown extension, for a combination that makes no sense, and for a bit depth or a packing
+    that a format lacks.
+    """
+    given = output or (None,) if isinstance(output, tuple) else (output,)
+    files = [_File(output_path(wanted, f"{stem}_ao.png"), wanted) for wanted in given]
+    meshes = [file for file in files if file.path.suffix.lower() in OUTPUT_MESH_EXTENSIONS]
+    images = [file for file in files if file not in meshes]
+    for file in images:
+        _check_known(file.path)
+    for kind, found in (("images", images), ("meshes", meshes)):
+        if len(found) > 1:
+            names = " and ".join(str(file.path) for file in found)
+            raise ArgumentError("output", f"names the {kind} {names}; expected one image, one mesh or both; omit one")
+    if meshes and mesh_output is not None:
+        raise ArgumentError(
+            "mesh_output",
+            f"is {fspath(mesh_output)}, but {{output}} names the mesh {meshes[0].path}; omit one of them",
+            "output",
+        )
+    mesh = meshes[0] if meshes else None
+    if mesh is not None:
+        check_mesh_extension(mesh.path, options.pack)
+    elif mesh_output is not None:
+        mesh = _given_mesh(mesh_output, options)
+    texture = images[0] if images else None
+    if meshes and texture is None and not _embeds(meshes[0].path):
+        texture = _File(meshes[0].path.with_suffix(".png"))
+    if texture is not None:
+        choose_bit_depth(texture.path, options.bit_depth)
+    elif mesh is not None and options.bit_depth not in ("auto", *BIT_DEPTHS[_EMBEDDED]):
+        raise ArgumentError(
+            "bit_depth",
+            f"is {options.bit_depth}, but the texture inside {mesh.path} is a PNG, which has 8 or 16; omit it, or ask "
+            "for an image as well with {output}",
+            "output",
+        )
+    named = texture or mesh
+    assert named is not None  # without any output there is a texture
+    report_file = None if report is None else _File(output_path(report, f"{stem}_report.json", "report"), report)
+    return BakePlan(named.path.stem, texture, mesh, mesh_output, report_file, options)
+
+
+def _given_mesh(wanted: Output, options: BakeOptions) -> _File | None:
+    """Return the mesh that `mesh_output` names; None for a folder, where it is named after the texture."""
+    path = output_path(wanted, "mesh", "mesh_output")
+    if path.name == "mesh" and path != Path(wanted):
+        return None
+    check_mesh_extension(path, options.pack)
+    return _File(path, wanted)
+
+
+def _check_known(path: Path) -> None:
+    """Raise UsageError unless the extension is that of an image; those of meshes have been looked for."""
+    suffix = path.suffix.lower()
+    if suffix not in IMAGE_EXTENSIONS:
+        found = f"the extension {suffix}" if suffix else "a name without extension"
+        images, meshes = ", ".join(IMAGE_EXTENSIONS), ", ".join(OUTPUT_MESH_EXTENSIONS)
+        raise UsageError(
+            f"{path}: {found} is neither that of an image ({images}) nor that of a mesh with UVs ({meshes}); "
+            "choose one of these, or a folder"
+        )
+
+
+def _embeds(mesh: Path) -> bool:
+    return mesh.suffix.lower() == ".glb"
