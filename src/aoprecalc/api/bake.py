@@ -14,8 +14,7 @@ from aoprecalc.io import Outputs, load_scene, read_image, source_files
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.outputs import write_json
 from aoprecalc.metrics.errors import TextureErrors
-from aoprecalc.options import BakeOptions, VerifyOptions
-from aoprecalc.options.extensions import names_extensions
+from aoprecalc.options import BakeOptions, VerifyOptions, names_extensions
 from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.types import Baked, BoolArray, Float32Array
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory

@@ -16,8 +16,7 @@ from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.io import Outputs, load_scene, numbers, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
-from aoprecalc.options import SphereOptions
-from aoprecalc.options.extensions import names_extensions
+from aoprecalc.options import SphereOptions, names_extensions
 from aoprecalc.progress import Progress, tell
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.types import Float64Array, Scene, SphereSet

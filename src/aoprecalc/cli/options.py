@@ -9,7 +9,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from aoprecalc.errors import ArgumentError, option_name
-from aoprecalc.options.extensions import with_extensions
+from aoprecalc.options import with_extensions
 from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
 
 # Headings of `--help`, in their order; what has none of them comes last.

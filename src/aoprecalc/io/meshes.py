@@ -17,9 +17,8 @@ from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo, WrittenMesh
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
-from aoprecalc.io.formats.off import OffFormat
 from aoprecalc.io.formats.ply import PlyFormat
-from aoprecalc.io.formats.stl import StlFormat
+from aoprecalc.io.formats.stl_off import OffFormat, StlFormat
 from aoprecalc.io.formats.trimesh_formats import ColladaFormat, ThreeMfFormat
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions

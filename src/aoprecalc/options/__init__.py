@@ -1,7 +1,12 @@
 """What can be chosen about a job, with the defaults. Standard library only, so that `aoprecalc --help` is instant.
 
-`fields` says how an option is stated; each class here states the options of one command.
+`fields` says how an option is stated; each class here states the options of one command. The extensions of the files
+that commands take are stated here as well, for `--help`, docstrings and messages; a test holds them to the formats that
+`aoprecalc.io` reads and writes.
 """
+
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 from aoprecalc.options.bake import (  # fmt: skip
     LARGE_MESH,
@@ -23,7 +28,41 @@ from aoprecalc.options.bake import (  # fmt: skip
 from aoprecalc.options.others import BatchOptions, CompareOptions, Init, Method, Radius, Ship, SphereOptions
 
 __all__ = [
-    "LARGE_MESH", "Backend", "BakeOptions", "BatchOptions", "BitDepth", "CompareOptions", "Estimator", "Fill", "Init",
-    "Instances", "LightOptions", "Method", "Normals", "Pack", "Radius", "Sampling", "Ship", "SphereOptions", "Unwrap",
-    "Up", "ValueOptions", "VerifyOptions",
+    "BAKED_MESH_EXTENSIONS", "IMAGE_EXTENSIONS", "LARGE_MESH", "MESH_EXTENSIONS", "SPHERE_EXTENSIONS", "Backend",
+    "BakeOptions", "BatchOptions", "BitDepth", "CompareOptions", "Estimator", "Fill", "Init", "Instances",
+    "LightOptions", "Method", "Normals", "Pack", "Radius", "Sampling", "Ship", "SphereOptions", "Unwrap", "Up",
+    "ValueOptions", "VerifyOptions", "listed", "names_extensions", "with_extensions",
 ]  # fmt: skip
+
+IMAGE_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg", ".tga", ".bmp")
+MESH_EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".dae", ".zae", ".3mf")  # read
+BAKED_MESH_EXTENSIONS = (".obj", ".ply", ".gltf", ".glb")  # written, with the UVs of a bake
+SPHERE_EXTENSIONS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
+
+Documented = TypeVar("Documented", bound=Callable[..., Any])
+
+
+def listed(extensions: Iterable[str]) -> str:
+    """Return extensions as help texts and docstrings show them."""
+    return " ".join(extensions)
+
+
+_LISTS = {
+    "{images}": listed(IMAGE_EXTENSIONS),
+    "{meshes}": listed(MESH_EXTENSIONS),
+    "{baked meshes}": listed(BAKED_MESH_EXTENSIONS),
+    "{sphere sets}": listed(SPHERE_EXTENSIONS),
+}
+
+
+def with_extensions(text: str) -> str:
+    """Return a text with the lists in place of {images}, {meshes}, {baked meshes} and {sphere sets}."""
+    for name, extensions in _LISTS.items():
+        text = text.replace(name, extensions)
+    return text
+
+
+def names_extensions(function: Documented) -> Documented:
+    """Put the lists into the docstring of a function; see `with_extensions`."""
+    function.__doc__ = with_extensions(function.__doc__ or "")
+    return function
