@@ -67,6 +67,16 @@ def test_a_buffer_at_an_absolute_path_is_refused(tmp_path):
         load_scene(path)
 
 
+def test_no_connection_is_opened(tmp_path, monkeypatch):
+    def refuse(*arguments, **given):
+        raise AssertionError("a connection was opened")
+
+    monkeypatch.setattr("socket.socket", refuse)
+    assert load_scene(save(tmp_path, triangle(images=[{"uri": "http://127.0.0.1/a.png"}]))).faces.shape == (1, 3)
+    (tmp_path / "a.obj").write_text(f"mtllib //127.0.0.1/a.mtl\n{FACE}", encoding="utf-8")
+    assert load_scene(tmp_path / "a.obj").faces.shape == (1, 3)
+
+
 def test_devices_and_pipes_are_not_read(tmp_path):
     with pytest.raises(OSError, match="no regular file"):
         read_file(tmp_path)
