@@ -5,15 +5,17 @@ Hidden surfaces of assets made of many parts are dark, and ought to be; a mesh t
 
 import numpy as np
 
-from aoprecalc.types import BoolArray, DarkPart, DarkTexels, Float32Array, Float64Array, Int32Array, Texels
+from aoprecalc.types import BoolArray, DarkPart, DarkTexels, Float32Array, Float64Array, Int32Array, Scene, Texels
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.gather import TexelOcclusion
 from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster, embreex_problem
-from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, chunks
+from aoprecalc.visibility.setup import BakeSetup
 
 DARK = 0.01  # ambient occlusion below which a texel is dark: depth maps let a little light through at silhouettes
 _MIN_SHARE = 0.01  # of the measured texels; where fewer are dark, their causes are not looked for
-_MAX_SAMPLES = 2000  # dark texels from which rays are cast: shares are good to 0.01 of the dark texels
+_MAX_SAMPLES = 1000  # dark texels from which rays are cast: the standard error of their shares is at most 0.016
+_MAX_TEXELS = 1 << 15  # from which the texels of each part are estimated
+_MIN_SAMPLES = 10  # of a part, of either kind: parts with fewer are not named
 _DIRECTIONS = 128  # on the whole sphere, from each
 _OPEN_BACK = 0.05  # cosine-weighted share of the rays from the back that leave the scene, from which it faces outwards
 _ON_GROUND = 1e-3  # height above the lowest point, over the bounding radius, up to which a surface rests on the ground
@@ -23,24 +25,25 @@ _MIN_PART = 0.5  # of a part's texels: parts of which less is enclosed or faces 
 def dark_texels(setup: BakeSetup, sides: list[TexelOcclusion]) -> DarkTexels:
     """Return the share of the dark texels, and what keeps the light away from them.
 
-    The causes are found by rays from up to 2000 of the dark texels, chosen at random with a fixed seed. They are not
+    The causes are found by rays from up to 1000 of the dark texels, chosen at random with a fixed seed. They are not
     looked for where less than 1% of the texels is dark, or where rays cannot be traced.
     """
     dark, measured = _dark(sides, setup.texels)
     share = len(dark) / measured
     if share < _MIN_SHARE or embreex_problem() is not None:
         return DarkTexels(share)
-    chosen = dark
-    if len(dark) > _MAX_SAMPLES:
-        chosen = np.sort(np.random.default_rng(0).choice(dark, _MAX_SAMPLES, replace=False))
-    samples = setup.center_samples(_texels(setup, chosen))
-    has_face = samples.faces >= 0
-    faces = samples.faces[has_face]
-    if not len(faces):
+    texels, scene = setup.texels, setup.inputs.scene
+    chosen = _some(dark, _MAX_SAMPLES)
+    others = _some(np.sort(texels.index), _MAX_TEXELS) if len(scene.parts) > 1 else chosen
+    index = np.union1d(chosen, others)
+    samples = setup.center_samples(Texels(texels.width, texels.height, index))
+    cast, counted = ((samples.faces >= 0) & np.isin(index, ones) for ones in (chosen, others))
+    if not cast.any():
         return DarkTexels(share)
-    causes = _causes(setup, faces, samples.weights[has_face])
+    causes = _causes(setup, samples.faces[cast], samples.weights[cast])
     shares = {name: share * float(found.mean()) for name, found in causes.items()}
-    return DarkTexels(share, len(faces), **shares, parts=_dark_parts(setup, dark, faces, causes))
+    parts = _dark_parts(scene, samples.faces[counted], np.isin(index[counted], dark), samples.faces[cast], causes)
+    return DarkTexels(share, int(np.count_nonzero(cast)), **shares, parts=parts)
 
 
 def _dark(sides: list[TexelOcclusion], texels: Texels) -> tuple[Int32Array, int]:
@@ -52,8 +55,9 @@ def _dark(sides: list[TexelOcclusion], texels: Texels) -> tuple[Int32Array, int]
     return np.flatnonzero(measured & ~lit).astype(np.int32), int(np.count_nonzero(measured))
 
 
-def _texels(setup: BakeSetup, index: Int32Array) -> Texels:
-    return Texels(setup.texels.width, setup.texels.height, index)
+def _some(index: Int32Array, count: int) -> Int32Array:
+    """Return `count` of the ascending indices, ascending, chosen at random; all where there are fewer."""
+    return np.sort(np.random.default_rng(0).choice(index, count, replace=False)) if len(index) > count else index
 
 
 def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[str, BoolArray]:
@@ -91,37 +95,24 @@ def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[
 
 
 def _dark_parts(
-    setup: BakeSetup, dark: Int32Array, sampled: Int32Array, causes: dict[str, BoolArray]
+    scene: Scene, faces: Int32Array, dark: BoolArray, cast: Int32Array, causes: dict[str, BoolArray]
 ) -> tuple[DarkPart, ...]:
     """Return the parts of which at least half is enclosed, or faces inwards, those with the most such texels first.
 
-    dark      index of each dark texel
-    sampled   (k,) int32: the faces of the dark texels from which rays were cast
-    causes    of these, see `_causes`
+    faces   (k,) int32: the faces of a sample of all texels, of which those in `dark`, (k,) bool, are dark
+    cast    (m,) int32: the faces of the dark texels from which rays were cast; `causes` are of these, see `_causes`
     """
-    parts = setup.inputs.scene.parts
-    if len(parts) == 1:
+    count = len(scene.parts)
+    if count == 1:
         return ()
-    part_of_face = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
-    is_dark = np.zeros(setup.texels.width * setup.texels.height, bool)
-    is_dark[dark] = True
-    all_texels, dark_ones = (np.zeros(len(parts), np.int64) for _ in range(2))
-    for chunk in chunks(len(setup.texels), FIT_CHUNK):
-        texels = setup.texels.select(chunk)
-        faces = setup.center_samples(texels).faces
-        of_texel = part_of_face[faces[faces >= 0]]
-        all_texels += np.bincount(of_texel, minlength=len(parts))
-        dark_ones += np.bincount(of_texel[is_dark[texels.index[faces >= 0]]], minlength=len(parts))
-    of_sample = part_of_face[sampled]
-    per_sample = dark_ones / np.maximum(np.bincount(of_sample, minlength=len(parts)), 1)
-    inside, inwards = (
-        per_sample * np.bincount(of_sample, weights=causes[cause], minlength=len(parts))
-        for cause in ("inside", "inwards")
+    part_of_face = np.repeat(np.arange(count), [part.stop - part.start for part in scene.parts])
+    totals, dark_ones, rays, inside, inwards = (
+        np.bincount(part_of_face[of], minlength=count)
+        for of in (faces, faces[dark], cast, cast[causes["inside"]], cast[causes["inwards"]])
     )
-    totals = np.maximum(all_texels, 1)
-    named = np.flatnonzero(np.maximum(inside, inwards) >= _MIN_PART * totals)
-    named = named[np.argsort(-(inside + inwards)[named], kind="stable")]
-    return tuple(
-        DarkPart(parts[number].name, float(inside[number] / totals[number]), float(inwards[number] / totals[number]))
-        for number in named[all_texels[named] > 0].tolist()
-    )
+    per_ray = dark_ones / np.maximum(totals * rays, 1)  # share of a part's texels that each of its rays stands for
+    inside, inwards = inside * per_ray, inwards * per_ray
+    known = np.minimum(totals, rays) >= _MIN_SAMPLES
+    named = np.flatnonzero(known & (np.maximum(inside, inwards) >= _MIN_PART))
+    named = named[np.argsort(-((inside + inwards) * totals)[named], kind="stable")]
+    return tuple(DarkPart(scene.parts[number].name, float(inside[number]), float(inwards[number])) for number in named)
