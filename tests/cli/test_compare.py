@@ -51,27 +51,64 @@ def test_the_same_made_again_is_equal_and_another_is_different(ring, name):
     assert (other["difference"] is None) == bool(other["reason"])
 
 
-def test_a_texture_is_as_different_as_its_pixels(ring):
-    report = compared(ring / "a" / TEXTURE, ring / "c" / TEXTURE)
+def test_a_texture_is_as_different_as_its_pixels(ring, tmp_path):
+    for name in "ac":
+        shutil.copy(ring / name / TEXTURE, tmp_path / f"{name}.png")  # without its mesh
+    report = compared(tmp_path / "a.png", tmp_path / "c.png")
     apart = read_image(ring / "c" / TEXTURE).astype(float) - read_image(ring / "a" / TEXTURE)
-    details = report["details"]
+    assert report["details"]["surface"] is None
+    details = report["details"]["picture"]
     assert report["difference"] == pytest.approx(np.sqrt(np.mean(apart**2)))
+    assert details["texels"] == apart.size
     assert details["rms"] == pytest.approx(report["difference"], rel=1e-5)
     assert details["bias"] == pytest.approx(apart.mean(), rel=1e-4)
     assert details["max"] == pytest.approx(np.abs(apart).max(), rel=1e-5)
     assert details["share"] == pytest.approx(np.mean(np.abs(apart) * 255 > 2.5), rel=1e-5)
     assert 0 < details["flip"] < 1
+
+
+def test_the_surface_is_that_of_the_mesh_beside_or_of_the_option_or_in_the_mesh(ring, tmp_path):
+    whole = compared(ring / "a" / TEXTURE, ring / "c" / TEXTURE)
+    for name in "ac":
+        shutil.copy(ring / name / TEXTURE, tmp_path / f"{name}.png")
+    given = aoprecalc.compare(tmp_path / "a.png", tmp_path / "c.png", mesh=ring / "b" / "plain_ao.obj").to_dict()
+    assert given["difference"] == whole["difference"]
+    assert given["details"] == whole["details"]
+    assert 0 < whole["details"]["surface"]["texels"] < SIZE * SIZE == whole["details"]["picture"]["texels"]
     for mesh in ("plain_ao.obj", "g.glb"):  # which lie on one another but for the texture
         found = compared(ring / "a" / mesh, ring / "c" / mesh)
-        assert found["difference"] == report["difference"]
-        assert found["details"] == {"triangles": 576, "position": 0, "uv": 0, "normal": 0, "texture": details}
+        assert found["difference"] == whole["difference"]
+        assert found["details"] == {"triangles": 576, "position": 0, "uv": 0, "normal": 0, "texture": whole["details"]}
+
+
+def test_a_mesh_beside_that_cannot_be_used_is_said(ring, tmp_path):
+    shutil.copy(ring / "a" / TEXTURE, tmp_path / "a.png")
+    shutil.copy(ring / "plain.obj", tmp_path / "a.obj")
+    report = compared(tmp_path / "a.png", tmp_path / "a.png")
+    assert (report["answer"], report["details"]["surface"]) == ("equal", None)
+    (line,) = report["warnings"]
+    assert "the whole picture counts, as the mesh beside it cannot be used: " in line
+    assert "has no UVs" in line
+
+
+def test_other_options_of_the_bake_are_said_where_they_may_be_the_reason(ring, tmp_path, run):
+    options = aoprecalc.BakeOptions(size=SIZE, directions=64, ground=True, two_sided=True)
+    files = aoprecalc.bake(ring / "plain.obj", options).save(f"{tmp_path}/")
+    expected = "A was baked without, B with --two-sided --ground --up y; bake both with the same options"
+    for a, b in ((ring / "a" / TEXTURE, files.texture), (ring / "a" / "plain_ao.obj", files.mesh)):
+        report = compared(a, b)
+        assert report["answer"] == "different"
+        assert report["warnings"] == [expected]
+        assert compared(a, b, tolerance=1)["warnings"] == []
+    done = run(tmp_path, "compare", ring / "a" / TEXTURE, files.texture)
+    assert done.stderr.splitlines()[0] == f"warning: {expected}"
 
 
 def test_formats_of_one_thing_are_near_or_equal(ring):
     for kind in ("csv", "npz"):
         assert compared(ring / "a" / "s.json", ring / "a" / f"s.{kind}")["answer"] == "equal"
     report = compared(ring / "a" / "plain_ao.obj", ring / "a" / "g.glb")
-    assert report["details"]["texture"]["max"] == 0
+    assert report["details"]["texture"]["picture"]["max"] == 0
     assert 0 < report["difference"] < 1e-5  # a GLB has 32-bit numbers
 
 
@@ -125,10 +162,11 @@ def test_the_tolerance_decides_the_answer_and_the_exit_code(ring, tmp_path, leve
     assert done.stdout.startswith(f"{answer}: {dark} and {bright}\n")
     assert f"difference {levels / 255:.6f}" in done.stdout
     if answer == "different":
-        (line,) = done.stderr.splitlines()
+        note, line = done.stderr.splitlines()
         assert line.startswith(f"error: {bright}: differs from {dark}: {levels / 255:.5g} was found, at most ")
     else:
-        assert done.stderr == ""
+        (note,) = done.stderr.splitlines()
+    assert note.startswith("no mesh was found beside the textures: the whole picture counts")
 
 
 def test_a_difference_leaves_its_report_and_picture(ring, tmp_path, run):
@@ -224,6 +262,9 @@ BAD = {
     "spheres and a report": (["a/s.json", "a/bake.json"], 2, "is a sphere set and a/bake.json a report"),
     "one file": (["a/g.glb"], 2, "Missing argument"),
     "a tolerance out of range": (["a/g.glb", "b/g.glb", "--tolerance", "1.5"], 2, "--tolerance"),
+    "a mesh of meshes": (["a/g.glb", "b/g.glb", "--mesh", "a/g.glb"], 2, "--mesh is for textures"),
+    "a mesh without UVs": ([f"a/{TEXTURE}", f"b/{TEXTURE}", "--mesh", "plain.obj"], 4, "has no UVs"),
+    "no such mesh": ([f"a/{TEXTURE}", f"b/{TEXTURE}", "--mesh", "none.obj"], 4, "none.obj: there is no such file"),
     "a picture of spheres": (["a/s.csv", "b/s.csv", "--picture", "p.png"], 2, "which --picture cannot show"),
     "a picture of reports": (["a/bake.json", "b/bake.json", "--picture", "p.png"], 2, "which --picture cannot show"),
     "a picture of bare meshes": (["plain.obj", "plain.obj", "--picture", "p.png"], 2, "for --picture to show"),

@@ -5,7 +5,14 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from aoprecalc.metrics import ComparedMesh, document_difference, mesh_difference, picture_difference, spheres_difference
+from aoprecalc.metrics import (
+    ComparedMesh,
+    ComparedTexture,
+    document_difference,
+    mesh_difference,
+    picture_difference,
+    spheres_difference,
+)
 from aoprecalc.metrics import sphere_difference as spheres_module
 from shapes import quad, quad_uvs
 
@@ -16,13 +23,20 @@ def picture(*shape):
     return RNG.random(shape).astype(np.float32)
 
 
+def compared(first, second, *covered):
+    """The difference of pictures; `covered` is the surface of both, or of each."""
+    surfaces = covered * (2 // len(covered)) if covered else (None, None)
+    return picture_difference(*map(ComparedTexture, (first, second), surfaces))
+
+
 @pytest.mark.parametrize("offset", [0.25, -0.125])
 def test_a_constant_offset_is_rms_bias_and_maximum(offset):
     first = np.full((20, 30, 1), 0.5, np.float32)
-    found = picture_difference(first, first + np.float32(offset))
+    found = compared(first, first + np.float32(offset))
     assert found.value == abs(offset)
     assert not found.equal
-    details = found.details
+    assert found.details["surface"] is None
+    details = found.details | found.details["picture"]
     assert (details["width"], details["height"], details["channel"]) == (30, 20, 0)
     assert (details["rms"], details["bias"], details["max"], details["share"]) == (abs(offset), offset, abs(offset), 1)
     assert details["flip"] > 0
@@ -32,14 +46,14 @@ def test_a_sine_that_is_moved_has_the_known_rms():
     # sin(x + t) - sin(x) is a sine of amplitude 2 sin(t / 2), whose root mean square is 1 / sqrt(2) of that
     x = np.arange(64) * 2 * np.pi / 64
     first, second = (np.tile(0.5 + 0.5 * np.sin(x + turn), (32, 1))[..., None].astype(np.float32) for turn in (0, 0.4))
-    assert picture_difference(first, second).value == pytest.approx(0.5 * 2 * np.sin(0.2) / 2**0.5, rel=1e-6)
+    assert compared(first, second).value == pytest.approx(0.5 * 2 * np.sin(0.2) / 2**0.5, rel=1e-6)
 
 
 def test_the_share_is_of_pixels_that_differ_by_more_than_two_levels():
     first = np.full((16, 16, 1), np.float32(100 / 255))
     second = np.full((16, 16, 1), np.float32(102 / 255))  # two levels: not more
     second[:4] = np.float32(103 / 255)
-    assert picture_difference(first, second).details["share"] == 0.25
+    assert compared(first, second).details["picture"]["share"] == 0.25
 
 
 def test_the_channel_that_differs_most_speaks():
@@ -47,7 +61,7 @@ def test_the_channel_that_differs_most_speaks():
     second = first.copy()
     second[:, :, 1] += 0.25
     second[:, :, 2] -= 0.5
-    found = picture_difference(first, second)
+    found = compared(first, second)
     assert found.details["channel"] == 2
     assert found.value == pytest.approx(0.5, abs=1e-6)
     np.testing.assert_array_equal(found.pair.first, first[:, :, 2])
@@ -55,7 +69,7 @@ def test_the_channel_that_differs_most_speaks():
 
 def test_one_channel_against_several_is_compared_with_the_first():
     colors = picture(8, 9, 3)
-    found = picture_difference(colors, colors[:, :, :1])
+    found = compared(colors, colors[:, :, :1])
     assert found.equal
     assert "3 and 1 channels" in found.warnings[0]
 
@@ -64,17 +78,55 @@ def test_the_least_step_of_one_pixel_is_not_equal():
     first = picture(50, 50, 1)
     second = first.copy()
     second[7, 9] = np.nextafter(first[7, 9], np.float32(2))
-    found = picture_difference(first, second)
+    found = compared(first, second)
     assert 0 < found.value < 1e-8
     assert [found.answer(tolerance) for tolerance in (0, 1e-3)] == ["different", "near"]
-    assert picture_difference(first, first.copy()).answer(0) == "equal"
+    assert compared(first, first.copy()).answer(0) == "equal"
 
 
 def test_other_sizes_have_no_number():
-    found = picture_difference(picture(8, 9, 1), picture(9, 8, 1))
+    found = compared(picture(8, 9, 1), picture(9, 8, 1))
     assert (found.value, found.equal, found.answer(1)) == (None, False, "different")
     assert "9 x 8 and 8 x 9 pixels" in found.reason
     assert found.pair.flip is None
+
+
+def test_padding_and_fill_count_only_where_no_surface_is_known():
+    first, surface = picture(16, 16, 1), np.zeros((16, 16), bool)
+    surface[4:8, 4:8] = True
+    second = first.copy()
+    second[surface] += 0.1
+    second[~surface] -= 0.5
+    found = compared(first, second, surface)
+    assert found.value == pytest.approx(0.1, abs=1e-6)
+    told = found.details["surface"]
+    assert (told["texels"], told["share"]) == (16, 1)
+    assert (told["bias"], told["max"]) == (pytest.approx(0.1, abs=1e-6), pytest.approx(0.1, abs=1e-6))
+    whole = compared(first, second)
+    assert found.details["picture"] == whole.details["picture"]
+    assert whole.value == pytest.approx(np.sqrt((16 * 0.01 + 240 * 0.25) / 256), rel=1e-5)
+    assert found.warnings == whole.warnings == ()
+
+
+def test_a_difference_in_the_padding_alone_is_near_but_not_equal():
+    first, surface = picture(8, 8, 1), np.eye(8, dtype=bool)
+    second = np.where(surface[:, :, None], first, 0)
+    found = compared(first, second, surface)
+    assert (found.value, found.answer(0)) == (0, "near")
+
+
+def test_texels_of_either_surface_count_and_it_is_said_if_few_are_of_both():
+    first = np.zeros((8, 8, 1), np.float32)
+    second = first.copy()
+    second[:4] = 1
+    top, left = np.zeros((8, 8), bool), np.zeros((8, 8), bool)
+    top[:4], left[:, :4] = True, True
+    found = compared(first, second, top, left)
+    assert found.details["surface"]["texels"] == 48
+    assert found.value == pytest.approx(np.sqrt(32 / 48))
+    (line,) = found.warnings
+    assert line.startswith("66.7% of the texels lie on the surface of A or B alone: they have different UVs")
+    assert compared(first, second, None, left).details["surface"]["texels"] == 32
 
 
 def plate(moved=0.0, uv_moved=0.0, tilt=0.0, brighter=0.0, size=1.0):
@@ -85,7 +137,7 @@ def plate(moved=0.0, uv_moved=0.0, tilt=0.0, brighter=0.0, size=1.0):
     uvs[1, 2, 0] += uv_moved
     normals = np.tile(np.float32([0, 0, 1]), (2, 3, 1))
     normals[1, 1] = (np.sin(tilt), 0, np.cos(tilt))
-    shown = np.full((8, 8, 1), 0.5 + brighter, np.float32)
+    shown = ComparedTexture(np.full((8, 8, 1), 0.5 + brighter, np.float32))
     return ComparedMesh(corners, normals, (uvs,), shown, uvs)
 
 
@@ -109,7 +161,7 @@ def test_whatever_differs_most_is_the_difference(change, name, expected):
     found = mesh_difference(plate(), plate(moved=0.001, **change))
     assert found.value == pytest.approx(expected, rel=1e-5)
     told = found.details[name]
-    assert (told["rms"] if name == "texture" else told) == pytest.approx(expected, rel=1e-5)
+    assert (told["picture"]["rms"] if name == "texture" else told) == pytest.approx(expected, rel=1e-5)
 
 
 def test_what_one_mesh_lacks_makes_them_different():
@@ -125,7 +177,9 @@ def test_what_one_mesh_lacks_makes_them_different():
         "only A has a picture": ComparedMesh(corners, normals, uv_sets),
         "1 and 0 sets of UVs": ComparedMesh(corners, normals, (), whole.texture, whole.texture_uvs),
         "lie on 2 and 1 triangles": ComparedMesh(corners, normals, uv_sets, whole.texture, hole),
-        "8 x 8 and 4 x 8 pixels": ComparedMesh(corners, normals, uv_sets, whole.texture[:, :4], whole.texture_uvs),
+        "8 x 8 and 4 x 8 pixels": ComparedMesh(
+            corners, normals, uv_sets, ComparedTexture(whole.texture.pixels[:, :4]), whole.texture_uvs
+        ),
     }
     for reason, other in cases.items():
         found = mesh_difference(whole, other)

@@ -1,5 +1,6 @@
 """Compare two results: whether they are equal, near enough, or different."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from os import PathLike
@@ -10,7 +11,8 @@ import numpy as np
 
 from aoprecalc.api.mesh import given_or_default
 from aoprecalc.api.reports import Document
-from aoprecalc.errors import ArgumentError, InputError, UsageError
+from aoprecalc.api.textured_surface import TexturedSurface
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError
 from aoprecalc.io import (
     MESH_EXTENSIONS,
     Outputs,
@@ -20,19 +22,22 @@ from aoprecalc.io import (
     source_files,
     write_colors,
 )
+from aoprecalc.io.formats.base import ImageSource
 from aoprecalc.io.images import read_pixels
-from aoprecalc.io.meshes import NoOcclusionError
+from aoprecalc.io.meshes import NoOcclusionError, baked_options, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files.files import READABLE_SPHERE_EXTENSIONS, read_levels
 from aoprecalc.metrics import (
     ComparedMesh,
+    ComparedTexture,
     Difference,
     document_difference,
     mesh_difference,
     picture_difference,
     spheres_difference,
 )
-from aoprecalc.options import CompareOptions
+from aoprecalc.options import CompareOptions, ValueOptions, VerifyOptions
+from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Progress
 from aoprecalc.render import comparison_picture
 
@@ -97,11 +102,18 @@ class CompareReport(Document):
 
 @dataclass(frozen=True, eq=False)
 class _Input:
-    """One of the two results: its contents, the files that they were read from, and warnings."""
+    """One of the two results.
+
+    value      its contents
+    files      that they were read from
+    warnings   for the user
+    options    of the bake of a texture; None where they are not known
+    """
 
     value: Any
     files: tuple[Path, ...]
     warnings: tuple[str, ...] = ()
+    options: ValueOptions | None = None
 
 
 def compare(
@@ -109,11 +121,17 @@ def compare(
     b: str | PathLike[str],
     options: CompareOptions | None = None,
     *,
+    mesh: str | PathLike[str] | None = None,
     picture: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> CompareReport:
     """Compare two files of one kind: textures, meshes with their textures, sphere sets, or reports.
+
+    Of textures those texels decide that the surface covers, in A or in B; the report tells the whole picture beside
+    them. The surface is that of the mesh (``.obj``, ``.ply``, ``.gltf`` or ``.glb``) beside each texture that has its
+    stem. Where only one of them has a mesh, its texels count; where none has, the whole picture does, with padding and
+    fill, and a note says so. Where the meshes have different UVs, a warning says so.
 
     Parameters
     ----------
@@ -121,6 +139,8 @@ def compare(
         The file that is the reference, and the one that is compared with it.
     options : CompareOptions, optional
         The greatest difference that passes.
+    mesh : str or path-like, optional
+        The mesh of both textures, instead of those beside them.
     picture : str or path-like, optional
         A picture file (or a folder) that shows both textures, B - A, and FLIP, the difference that an eye sees.
     report : str or path-like, optional
@@ -138,7 +158,7 @@ def compare(
     InputError
         If a file cannot be used.
     UsageError
-        If the files are of different kinds, or `picture` is given for a kind that has none.
+        If the files are of different kinds, or `picture` or `mesh` is given for a kind that has none.
     OutputError
         If a file cannot be written; then none is.
 
@@ -161,20 +181,23 @@ def compare(
         kind = _common_kind(a, b)
         if "picture" in paths and kind not in ("texture", "mesh"):
             raise UsageError(f"{a}: is a {_NAMES[kind]}, which --picture cannot show; omit it")
-        read, measure = _METHODS[kind]
+        if mesh is not None and kind != "texture":
+            raise UsageError(f"{a}: is a {_NAMES[kind]}, --mesh is for textures; omit it")
         with progress.stage("load"):
-            first, second = read(a), read(b)
+            first, second = (_read(kind, path, None if mesh is None else Path(mesh)) for path in (a, b))
         outputs.protect([*first.files, *second.files])
         for name, path in paths.items():
             claim_output(outputs, wanted[name][0], path)
         with progress.stage("compare"):
-            difference = measure(first.value, second.value)
+            difference = _MEASURES[kind](first.value, second.value)
             answer = difference.answer(options.tolerance)
         if "picture" in paths:
             if difference.pair is None:
                 raise UsageError(f"{a}, {b}: have no textures for --picture to show; omit it")
             write_colors(outputs.path(paths["picture"]), comparison_picture(difference.pair))
         lines = [f"{path}: {line}" for path, side in ((a, first), (b, second)) for line in side.warnings]
+        if answer == "different":
+            lines += baked_differently(first.options, second.options)
         document = CompareReport(
             kind=kind,
             a=str(a),
@@ -188,9 +211,24 @@ def compare(
         )
         if "report" in paths:
             write_json(outputs.path(paths["report"]), document.to_dict())
+    if kind == "texture" and difference.details.get("surface", ...) is None:
+        progress.note("no mesh was found beside the textures: the whole picture counts; name their mesh with --mesh")
     for line in document.warnings:
         progress.warn(line)
     return document
+
+
+def baked_differently(a: ValueOptions | None, b: ValueOptions | None) -> list[str]:
+    """Return a line on how the options of two bakes differ; none where they are equal or not known."""
+    if a is None or b is None or a == b:
+        return []
+    differing = [field for field in option_fields(ValueOptions) if getattr(a, field.name) != getattr(b, field.name)]
+    said = []
+    for options in (a, b):
+        values = [(field, getattr(options, field.name)) for field in differing]
+        words = [word for field, value in values if value != field.default for word in field.words(value)]
+        said.append(f"with {shlex.join(words)}" if words else "without")
+    return [f"A was baked {said[0]}, B {said[1]}; bake both with the same options"]
 
 
 def _common_kind(a: Path, b: Path) -> Kind:
@@ -201,11 +239,33 @@ def _common_kind(a: Path, b: Path) -> Kind:
     return kinds[0]
 
 
-def _read_texture(path: Path) -> _Input:
+def _read(kind: Kind, path: Path, mesh: Path | None) -> _Input:
+    """Read one of the results; `mesh` is that of a texture, None: the one beside it."""
+    if kind == "texture":
+        return _read_texture(path, mesh)
+    if kind == "mesh":
+        return _read_mesh(path)
+    return _Input(read_levels(path) if kind == "spheres" else read_json_object(path), (path,))
+
+
+def _read_texture(path: Path, mesh: Path | None) -> _Input:
     pixels = read_pixels(path)
     if not np.isfinite(pixels).all():
         raise InputError(f"{path}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    return _Input(pixels, (path,))
+    found = mesh or mesh_beside(path)
+    if found is not None:
+        try:
+            surface = TexturedSurface.of(scene := load_scene(found), find_occlusion(scene, path), VerifyOptions())
+        except AoprecalcError as error:
+            if mesh is not None:
+                raise
+            options, damage = baked_options(ImageSource(str(path), path))
+            lines = (*damage, f"the whole picture counts, as the mesh beside it cannot be used: {error}")
+            return _Input(ComparedTexture(pixels), (path, found), lines, options)
+        value = ComparedTexture(pixels, surface.coverage())
+        return _Input(value, (path, *source_files(scene)), surface.warnings, surface.picture.options)
+    options, damage = baked_options(ImageSource(str(path), path))
+    return _Input(ComparedTexture(pixels), (path,), damage, options)
 
 
 def _read_mesh(path: Path) -> _Input:
@@ -213,27 +273,25 @@ def _read_mesh(path: Path) -> _Input:
     try:
         picture = find_occlusion(scene)
     except NoOcclusionError:
-        surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets)
-        return _Input(surface, tuple(source_files(scene)), scene.warnings)
+        mesh = ComparedMesh(scene.corners, scene.normals, scene.uv_sets)
+        return _Input(mesh, tuple(source_files(scene)), scene.warnings)
     uvs = np.where(picture.shown[:, None, None], picture.uvs, np.nan)
-    surface = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, picture.values[:, :, None], uvs)
+    pixels = picture.values[:, :, None]
+    try:
+        surface = TexturedSurface.of(scene, picture, VerifyOptions())
+        texture, warnings = ComparedTexture(pixels, surface.coverage()), surface.warnings
+    except InputError as error:
+        texture, warnings = ComparedTexture(pixels), (*picture.warnings, f"the whole picture counts: {error}")
+    mesh = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, texture, uvs)
     files = [*source_files(scene), *([] if picture.path is None else [picture.path])]
-    return _Input(surface, tuple(files), (*scene.warnings, *picture.warnings))
-
-
-def _read_spheres(path: Path) -> _Input:
-    return _Input(read_levels(path), (path,))
-
-
-def _read_report(path: Path) -> _Input:
-    return _Input(read_json_object(path), (path,))
+    return _Input(mesh, tuple(files), (*scene.warnings, *warnings), picture.options)
 
 
 _NAMES: dict[Kind, str] = {"texture": "texture", "mesh": "mesh", "spheres": "sphere set", "report": "report"}
 
-_METHODS: dict[Kind, tuple[Callable[[Path], _Input], Callable[[Any, Any], Difference]]] = {
-    "texture": (_read_texture, picture_difference),
-    "mesh": (_read_mesh, mesh_difference),
-    "spheres": (_read_spheres, spheres_difference),
-    "report": (_read_report, document_difference),
+_MEASURES: dict[Kind, Callable[[Any, Any], Difference]] = {
+    "texture": picture_difference,
+    "mesh": mesh_difference,
+    "spheres": spheres_difference,
+    "report": document_difference,
 }

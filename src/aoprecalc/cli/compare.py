@@ -24,6 +24,14 @@ _MEANINGS = {
 @click.argument("a", type=FILE)
 @click.argument("b", type=FILE)
 @option(
+    "--mesh",
+    metavar="PATH",
+    group="Measurement",
+    shown="the mesh of the texture's stem beside each",
+    help="The mesh of both textures, whose surface decides which texels count.",
+    more="Without any mesh the whole picture counts, padding and fill included.",
+)
+@option(
     "--picture",
     metavar="FILE",
     group="Output",
@@ -37,13 +45,14 @@ _MEANINGS = {
 def compare(a: str, b: str, **given: Any) -> None:
     """Compare a new result B with a reference A: equal, near (within the tolerance), or different.
 
-    Both are textures, meshes with their textures, sphere sets (.json .csv .npz), or reports (.json).
+    Both are textures, meshes with their textures, sphere sets (.json .csv .npz), or reports (.json). Of textures those
+    texels decide that the surface covers, in A or in B; the whole picture is told beside them.
     """
     from aoprecalc.api.compare import compare
     from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    outputs = {name: given.pop(name) for name in ("picture", "report")}
+    outputs = {name: given.pop(name) for name in ("mesh", "picture", "report")}
     as_json = given.pop("as_json")
     report = compare(a, b, take(CompareOptions, given), **outputs, progress=console)
     click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
@@ -66,7 +75,8 @@ def _table(report: "CompareReport") -> list[str]:
     if report.difference is None:
         lines.append(report.reason)
     else:
-        meaning = _MEANINGS[report.kind]
+        known = report.kind == "texture" and details["surface"]
+        meaning = _MEANINGS[report.kind] + (" over the surface" if known else "")
         lines.append(f"difference {report.difference:.6f} ({meaning}), at most {report.tolerance:g} is allowed")
     if "triangles" in details:
         parts = [(name, details[name]) for name in ("position", "uv", "normal")]
@@ -74,11 +84,14 @@ def _table(report: "CompareReport") -> list[str]:
         lines.append(f"{details['triangles']} triangles: {distances}")
     pixels = details if report.kind == "texture" else details.get("texture")
     if pixels:
-        lines.append(
-            f"{pixels['width']} x {pixels['height']} pixels: root mean square {pixels['rms']:.6f}, "
-            f"mean {pixels['bias']:+.6f}, greatest {pixels['max']:.4f}, "
-            f"{pixels['share']:.2%} beyond 2/255, FLIP {pixels['flip']:.4f}"
-        )
+        size = f"{pixels['width']} x {pixels['height']}"
+        places = {"surface": "surface, {texels} texels", "picture": f"whole picture, {size}"}
+        lines += [
+            f"{place.format(**found)}: root mean square {found['rms']:.6f}, mean {found['bias']:+.6f}, "
+            f"greatest {found['max']:.4f}, {found['share']:.2%} beyond 2/255, FLIP {found['flip']:.4f}"
+            for name, place in places.items()
+            if (found := pixels[name])
+        ]
     if "center" in details:
         count = ", ".join(map(str, details["spheres"]))
         lines.append(f"{count} spheres: centre {details['center']:.6f}, radius {details['radius']:.6f}")

@@ -198,6 +198,12 @@ def write_baked_mesh(
 # The occlusion texture of a mesh.
 
 
+def mesh_beside(texture: Path) -> Path | None:
+    """Return the mesh beside a picture that has its stem, as a bake writes it; None where there is none."""
+    beside = (texture.with_suffix(extension) for extension in OUTPUT_MESH_EXTENSIONS)
+    return next((mesh for mesh in beside if mesh.is_file()), None)
+
+
 class NoOcclusionError(InputError):
     """A mesh has no occlusion texture, or no UVs for one."""
 

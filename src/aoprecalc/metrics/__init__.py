@@ -3,6 +3,7 @@
 from aoprecalc.metrics.difference import (
     Answer,
     ComparedMesh,
+    ComparedTexture,
     Difference,
     PicturePair,
     document_difference,
@@ -14,6 +15,7 @@ from aoprecalc.metrics.sphere_difference import Spheres, spheres_difference
 __all__ = [
     "Answer",
     "ComparedMesh",
+    "ComparedTexture",
     "Difference",
     "PicturePair",
     "Spheres",

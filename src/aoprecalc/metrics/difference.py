@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aoprecalc.metrics.flip import flip
-from aoprecalc.types import Float32Array, Float64Array
+from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
 Answer = Literal["equal", "near", "different"]
 
@@ -77,40 +77,88 @@ def bounding_diagonal(points: Float64Array) -> float:
 
 _NOTICEABLE = 2 / 255  # difference of a pixel that counts in `share`
 _ROUNDING = 1e-6  # of multiples of 1/255 in float32
+_ROUNDED_UVS = 0.01  # share of the covered texels that rounding of UVs, as by formats, may change
 
 
-def picture_difference(first: Float32Array, second: Float32Array) -> Difference:
-    """Compare pictures, (h, w, channels) float32, finite, channels >= 1, by the root mean square of second - first.
+@dataclass(frozen=True, eq=False)
+class ComparedTexture:
+    """A texture of ambient occlusion.
 
-    The value is that of the channel with the greatest RMS. If the numbers of channels differ, only the first channels
-    are compared. Pictures of different sizes are incomparable.
+    pixels    (h, w, channels) float32, finite, channels >= 1
+    covered   (h, w) bool: the texels that the surface covers, at least one; None where that is not known
     """
-    if first.shape[:2] != second.shape[:2]:
-        sizes = " and ".join(f"{picture.shape[1]} x {picture.shape[0]}" for picture in (first, second))
-        return incomparable(f"they have {sizes} pixels", PicturePair(first[:, :, 0], second[:, :, 0], None))
-    counts = first.shape[2], second.shape[2]
+
+    pixels: Float32Array
+    covered: BoolArray | None = None
+
+
+def picture_difference(first: ComparedTexture, second: ComparedTexture) -> Difference:
+    """Compare textures by the root mean square of second - first, over the texels that either surface covers.
+
+    Padding and fill count only where neither surface is known; the details tell the whole picture too. The value is
+    that of the channel with the greatest RMS. If the numbers of channels differ, only the first channels are compared.
+    Pictures of different sizes are incomparable.
+    """
+    one, other = first.pixels, second.pixels
+    if one.shape[:2] != other.shape[:2]:
+        sizes = " and ".join(f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (one, other))
+        return incomparable(f"they have {sizes} pixels", PicturePair(one[:, :, 0], other[:, :, 0], None))
+    counts = one.shape[2], other.shape[2]
     warnings = []
     if counts[0] != counts[1]:
         warnings = [f"the pictures have {counts[0]} and {counts[1]} channels; only the first channels are compared"]
+    surface, notes = _surface(first.covered, second.covered)
+    counted = np.s_[:] if surface is None else surface
     channels = counts[0] if counts[0] == counts[1] else 1
-    mean_squares = [_mean_square(first[:, :, channel], second[:, :, channel]) for channel in range(channels)]
+    mean_squares = [_mean_square(one[..., index][counted], other[..., index][counted]) for index in range(channels)]
     channel = int(np.argmax(mean_squares))
-    a, b = first[:, :, channel], second[:, :, channel]
+    a, b = one[:, :, channel], other[:, :, channel]
     flip_map = flip(a, b)
     difference = b.astype(np.float64) - a
     rms = float(np.sqrt(mean_squares[channel]))
     details = {
-        "width": first.shape[1],
-        "height": first.shape[0],
+        "width": one.shape[1],
+        "height": one.shape[0],
         "channel": channel,
-        "rms": rounded(rms),
+        "surface": None if surface is None else _statistics(difference[surface], flip_map[surface]),
+        "picture": _statistics(difference, flip_map),
+    }
+    return Difference(
+        rms,
+        equal=not difference.any(),
+        details=details,
+        pair=PicturePair(a, b, flip_map),
+        warnings=(*warnings, *notes),
+    )
+
+
+def _surface(first: BoolArray | None, second: BoolArray | None) -> tuple[BoolArray | None, list[str]]:
+    """Return the texels that either surface covers, None where neither is known, and a warning where they differ.
+
+    A texel that only one of them covers counts: there the other has padding or fill, which a viewer would see.
+    """
+    if first is None or second is None:
+        return (second if first is None else first), []
+    either: BoolArray = first | second
+    apart = float(np.count_nonzero(first != second) / np.count_nonzero(either))
+    if apart <= _ROUNDED_UVS:
+        return either, []
+    return either, [
+        f"{apart:.1%} of the texels lie on the surface of A or B alone: they have different UVs, so that texels of "
+        "different places are compared; bake both with the same UVs"
+    ]
+
+
+def _statistics(difference: Float64Array, flip_map: Float32Array) -> dict[str, float]:
+    """Return what is told of differences, with their FLIP, of any one shape."""
+    return {
+        "texels": difference.size,
+        "rms": rounded(np.sqrt(np.mean(np.square(difference)))),
         "bias": rounded(difference.mean()),
         "max": rounded(np.abs(difference).max()),
         "share": rounded(np.mean(np.abs(difference) > _NOTICEABLE + _ROUNDING)),
         "flip": rounded(np.mean(flip_map, dtype=np.float64)),
     }
-    pair = PicturePair(a, b, flip_map)
-    return Difference(rms, equal=rms == 0, details=details, pair=pair, warnings=tuple(warnings))
 
 
 def _mean_square(first: Float32Array, second: Float32Array) -> float:
@@ -127,14 +175,14 @@ class ComparedMesh:
     corners       (f, 3, 3) float64, finite, f >= 1: positions of each face's corners
     normals       (f, 3, 3) float32, unit length, at the corners; None if the file has none
     uv_sets       all UV sets of the file, each (f, 3, 2) float64
-    texture       (h, w, 1) float32, finite: the ambient occlusion; None if there is none
+    texture       the ambient occlusion, of one channel; None if there is none
     texture_uvs   (f, 3, 2) float64: the UVs of the texture; NaN on faces that it does not cover
     """
 
     corners: Float64Array
     normals: Float32Array | None
     uv_sets: tuple[Float64Array, ...]
-    texture: Float32Array | None = None
+    texture: ComparedTexture | None = None
     texture_uvs: Float64Array | None = None
 
 
@@ -142,7 +190,7 @@ def mesh_difference(first: ComparedMesh, second: ComparedMesh) -> Difference:
     """Compare meshes corner by corner, in the order of their files, and their textures.
 
     The value is the maximum of: distances of positions / bounding box diagonal of both meshes; distances of UVs;
-    lengths of the differences of normals; the RMS difference of the textures.
+    lengths of the differences of normals; the RMS difference of the textures over the texels that the surface covers.
     """
     textures = None
     if first.texture is not None and second.texture is not None:
@@ -167,7 +215,9 @@ def mesh_difference(first: ComparedMesh, second: ComparedMesh) -> Difference:
         "normal": None if normal is None else rounded(normal),
         "texture": None if textures is None else textures.details,
     }
-    return Difference(value, equal=value == 0, details=details, pair=pair)
+    equal = value == 0 and (textures is None or textures.equal)
+    warnings = () if textures is None else textures.warnings
+    return Difference(value, equal=equal, details=details, pair=pair, warnings=warnings)
 
 
 def _mismatch(first: ComparedMesh, second: ComparedMesh) -> str:

@@ -89,7 +89,13 @@ class SphereOptions(Validated):
 @documented
 @dataclass(frozen=True)
 class CompareOptions(Validated):
-    """How to compare two results."""
+    """How to compare two results.
+
+    The difference is, of textures, the root mean square of B - A over the texels that the surface covers, or over the
+    whole picture where no mesh is known; of meshes, the greatest of the distances of positions over the diagonal, of
+    UVs, of normals, and the difference of their textures; of sphere sets, the farthest pair of spheres over the
+    diagonal; of reports, that of the farthest two numbers.
+    """
 
     tolerance: Annotated[float, _measurement(
         "Largest difference that passes; beyond it the exit code is 1.", range=(0, 1), metavar="E",
