@@ -4,7 +4,8 @@
     python benchmarks/digests.py --against before.json   run them again, name each file that differs
 
 Every run works in a folder of its own on meshes from `examples/`. A text is reduced to what stays the same between two
-equal runs: JSON loses `seconds` and the wording of warnings (their number stays), and no path depends on the machine.
+equal runs: JSON loses `seconds` and the wording of warnings (their number stays), and no path depends on the machine. A
+picture has two digests: of its file, and of its pixels alone.
 Digests depend on the renderer, so compare two runs on one machine. PYTHONPATH=OTHER/src runs another checkout.
 """
 
@@ -142,6 +143,8 @@ def run(name: str, meshes: Path) -> dict[str, str]:
             way = file.relative_to(folder).as_posix()
             if not way.startswith(("built/.aoprecalc", "out/.aoprecalc")) and given.get(way) != file.read_bytes():
                 digests[way] = digest(file.name, file.read_bytes())
+                if file.suffix in (".png", ".exr", ".tif", ".tga"):
+                    digests[f"{way} pixels"] = pixel_digest(file)
         return digests
 
 
@@ -154,6 +157,14 @@ def digest(name: str, data: bytes) -> str:
 
         data = re.sub(rb'time="[^"]*"|<system-out>.*?</system-out>', b"", data, flags=re.DOTALL)
     return hashlib.sha256(data).hexdigest()[:16]
+
+
+def pixel_digest(file: Path) -> str:
+    """Return the SHA-256 of the size and the decoded values of a picture, without texts and compression."""
+    import OpenImageIO
+
+    pixels = OpenImageIO.ImageBuf(str(file)).get_pixels("float")
+    return hashlib.sha256(str(pixels.shape).encode() + pixels.tobytes()).hexdigest()[:16]
 
 
 def plain(value: Any) -> Any:

@@ -94,7 +94,7 @@ def test_a_mesh_beside_that_cannot_be_used_is_said(ring, tmp_path):
 def test_other_options_of_the_bake_are_said_where_they_may_be_the_reason(ring, tmp_path, run):
     options = aoprecalc.BakeOptions(size=SIZE, directions=64, ground=True, two_sided=True)
     files = aoprecalc.bake(ring / "plain.obj", options).save(f"{tmp_path}/")
-    expected = "A was baked without, B with --two-sided --ground --up y; bake both with the same options"
+    expected = "B was baked with --two-sided --ground --up y, A without; bake both with the same options"
     for a, b in ((ring / "a" / TEXTURE, files.texture), (ring / "a" / "plain_ao.obj", files.mesh)):
         report = compared(a, b)
         assert report["answer"] == "different"

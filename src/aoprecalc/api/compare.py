@@ -223,12 +223,15 @@ def baked_differently(a: ValueOptions | None, b: ValueOptions | None) -> list[st
     if a is None or b is None or a == b:
         return []
     differing = [field for field in option_fields(ValueOptions) if getattr(a, field.name) != getattr(b, field.name)]
-    said = []
-    for options in (a, b):
+    words = {}
+    for name, options in (("A", a), ("B", b)):
         values = [(field, getattr(options, field.name)) for field in differing]
-        words = [word for field, value in values if value != field.default for word in field.words(value)]
-        said.append(f"with {shlex.join(words)}" if words else "without")
-    return [f"A was baked {said[0]}, B {said[1]}; bake both with the same options"]
+        words[name] = shlex.join(
+            word for field, value in values if value != field.default for word in field.words(value)
+        )
+    first, second = sorted(words, key=lambda name: not words[name])  # one without any comes last
+    other = f"with {words[second]}" if words[second] else "without"
+    return [f"{first} was baked with {words[first]}, {second} {other}; bake both with the same options"]
 
 
 def _common_kind(a: Path, b: Path) -> Kind:
