@@ -6,16 +6,9 @@ import shutil
 import sys
 from pathlib import Path
 
-import trimesh
-
 import aoprecalc
 from docs.pages import ROOT
 
-# Beside the meshes of docs/sample_meshes.py: for pages that need no mesh in particular.
-MORE = (
-    "statue.obj", "car.glb", "rock.glb", "robot.stl", "assets/hero.obj", "assets/props/rock.glb",
-    "model.obj", "mesh.obj", "scan.ply", "part.stl", "scene.glb", "crate.glb", "assets/wip/draft.glb",
-)  # fmt: skip
 BIN = {
     "aoprecalc": 'exec "{python}" -m aoprecalc "$@"',
     "python": 'exec "{python}" "$@"',
@@ -25,12 +18,7 @@ BIN = {
 
 def furnish(folder: Path) -> None:
     """Put everything into a folder."""
-    for name in MORE:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        trimesh.creation.box().export(folder / name)
-    maker = ROOT / "docs/sample_meshes.py"
-    if maker.exists():
-        runpy.run_path(str(maker))["write"](folder)
+    runpy.run_path(str(ROOT / "docs/sample_meshes.py"))["write"](folder)
     shutil.copytree(ROOT / "examples", folder / "examples")
     shutil.copytree(ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("_build"))
     commands = folder / ".venv/bin"
