@@ -53,6 +53,7 @@ lint: $(SETUP)
 
 docs: $(SETUP)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	rm -rf docs/_build/html
 	$(BIN)/sphinx-build -E -n -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
