@@ -113,7 +113,7 @@ def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space:
         described = suffix in _DESCRIBED
         spec.attribute(_DESCRIPTION if described else _TEXT, f"{_TEXT} {text}" if described else text)
     if not buffer.write(str(path), _OIIO_TYPES[depth]):
-        raise OutputError(f"{path}: the image cannot be written ({_line(buffer.geterror())}); choose another output")
+        raise OutputError(f"{path}: the image cannot be written ({_reason(buffer)}); choose another output")
 
 
 def quantize(values: Float32Array, depth: Depth) -> NDArray[Any]:
@@ -155,8 +155,7 @@ def read_pixels(path: str | PathLike[str]) -> Float32Array:
         )
     pixels = None if buffer.has_error else buffer.get_pixels("float")
     if pixels is None or buffer.has_error:
-        reason = _line(buffer.geterror())
-        raise InputError(f"{path}: cannot be read as an image ({reason}); check the file or convert it to PNG")
+        raise InputError(f"{path}: cannot be read as an image ({_reason(buffer)}); check the file or convert it to PNG")
     return np.ascontiguousarray(pixels, dtype=np.float32)
 
 
@@ -175,7 +174,7 @@ def read_text(path: str | PathLike[str]) -> str:
 
     image = OpenImageIO.ImageInput.open(str(path))
     if image is None:
-        OpenImageIO.geterror()  # or it is printed at the end
+        _reason(OpenImageIO)  # or it is printed at the end
         return ""
     try:
         spec = image.spec()
@@ -202,5 +201,10 @@ def _as_file(data: bytes) -> Iterator[Path]:
         yield copy
 
 
-def _line(text: str) -> str:
+def _reason(source: Any) -> str:
+    """Return OpenImageIO's message about an image, or about the last one, on one line."""
+    try:
+        text = source.geterror()
+    except UnicodeDecodeError:  # it quotes bytes of a damaged file
+        return "it is damaged"
     return textwrap.shorten(text, 160, placeholder=" ...") or "unknown reason"
