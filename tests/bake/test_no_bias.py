@@ -56,9 +56,9 @@ CONVEX = {
     "hull-seed-0": lambda: hull(np.random.default_rng(0).normal(size=(60, 3))),
     "hull-seed-1": lambda: hull(np.random.default_rng(1).normal(size=(300, 3)) * (1, 2, 9)),
 }
-# A limit that the README states ("The value"): a rim far thinner than a map texel lies at hardly any centre, and
+# A limit that docs/explanation/limits.md states: a rim far thinner than a map texel lies at hardly any centre, and
 # where it does its depth is interpolated in 32 bits across a face 1e4 times as long as wide; it loses up to 0.02.
-# Strict, so that the README is corrected when maps get over it.
+# Strict, so that the page is corrected when maps get over it.
 SEEN_THROUGH = pytest.mark.xfail(strict=True, reason="rims thinner than a map texel hide each other")
 
 
