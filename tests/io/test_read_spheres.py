@@ -25,7 +25,7 @@ def document(**values):
     return json.dumps(values)
 
 
-@pytest.mark.parametrize("name", ["a.json", "a.csv", "a.npz", "a.NPZ"])
+@pytest.mark.parametrize("name", ["a.json", "a.csv", "a.npz", "a.NPZ", "a.ply", "a.yml", "a.YAML", "a.usda"])
 def test_back_as_written(tmp_path, name):
     write_sphere_set(tmp_path / name, SphereSet(CENTERS, RADII, 17, True, "lloyd", "mean", 1000, 3), {})
     centers, radii = read_spheres(tmp_path / name)
@@ -82,7 +82,7 @@ BAD = [
     ("a.npz", packed(centers=np.ones((1, 3)), radii=np.ones(())), "at least one sphere"),
     ("a.npz", packed(centers=np.ones((0, 3)), radii=np.ones(0)), "at least one sphere"),
     ("a.npz", packed(centers=np.ones((1, 3)), radii=-ONE), "finite radii >= 0"),
-    ("a.ply", "ply\n", "has the extension .ply; spheres are read from .json, .csv, .npz"),
+    ("a.txt", "x", r"has the extension .txt; spheres are read from .json, .csv, .npz, .ply"),
     ("a", "", "has no extension"),
 ]
 

@@ -26,7 +26,7 @@ from aoprecalc.io.formats.base import ImageSource
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import NoOcclusionError, baked_options, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
-from aoprecalc.io.sphere_files.files import READABLE_SPHERE_EXTENSIONS, read_levels
+from aoprecalc.io.sphere_files.files import SPHERE_EXTENSIONS, read_levels
 from aoprecalc.metrics import (
     ComparedMesh,
     ComparedTexture,
@@ -53,7 +53,7 @@ def kind_of(path: Path) -> Kind:
     if suffix in MESH_EXTENSIONS:
         return "mesh"
     if suffix != ".json":
-        return "spheres" if suffix in READABLE_SPHERE_EXTENSIONS else "texture"
+        return "spheres" if suffix in SPHERE_EXTENSIONS else "texture"
     document = read_json_object(path)
     if isinstance(document.get("spheres"), list):
         return "spheres"

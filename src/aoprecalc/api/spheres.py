@@ -203,13 +203,16 @@ def measure_spheres(
     return quality
 
 
+@names_extensions
 def load_spheres(path: str | PathLike[str]) -> tuple[Float64Array, Float64Array]:
     """Read the centres and radii of a sphere file.
 
     Parameters
     ----------
     path : str or path-like
-        A .json, .csv or .npz file.
+        A sphere set of any program ({sphere sets}). Of .obj and .glb the objects that are spheres count; of .urdf the
+        sphere collisions, all joints at position zero; of .yml and .yaml (cuRobo) the spheres of the one link that has
+        any; of .usda the Sphere prims (files of other programs than this need the package usd-core).
 
     Returns
     -------

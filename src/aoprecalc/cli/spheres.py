@@ -27,8 +27,10 @@ from aoprecalc.options import SphereOptions
     "--measure",
     metavar="FILE",
     group="Spheres",
-    help="Fit nothing: measure the spheres in FILE (.json .csv .npz) against MESH.",
-    more="They may come from any program.",
+    help="Fit nothing: measure the spheres in FILE ({sphere sets}) against MESH.",
+    more="They may come from any program. Of .obj and .glb the objects that are spheres count; of .urdf the sphere "
+    "collisions, all joints at zero; of .yml (cuRobo) the spheres of its one link; of .usda the Sphere prims, where "
+    "files of other programs need usd-core.",
 )
 @output_options
 def spheres(mesh: str, **given: Any) -> None:

@@ -83,7 +83,7 @@ class PlyDocument(SourceDocument):
 
 def read_ply(path: Path, data: bytes) -> Scene:
     """Read a PLY file of the given bytes; raises InputError where it is damaged or has no usable faces."""
-    header = _header(path, data)
+    header = ply_header(path, data)
     tables = read_table(path, header.elements, header.body, header.order)
     columns = tables.get("vertex", Table({}, {})).columns
     if not all(axis in columns for axis in "xyz"):
@@ -144,7 +144,8 @@ def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
     return strip_triangles(np.insert(lists.values.astype(np.int64), ends, -1))
 
 
-def _header(path: Path, data: bytes) -> _Header:
+def ply_header(path: Path, data: bytes) -> _Header:
+    """Return the header of a PLY file of the given bytes; raises InputError where it is damaged."""
     end = data.find(b"end_header")
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
@@ -286,7 +287,7 @@ class PlyFormat(MeshFormat):
 
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
         """Return the texture that it names."""
-        texture = _header(path, data).texture_path(path)
+        texture = ply_header(path, data).texture_path(path)
         return [] if texture is None else [texture]
 
     def source_files(self, scene: Scene) -> list[Path]:

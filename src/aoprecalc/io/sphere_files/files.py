@@ -10,15 +10,26 @@ import numpy as np
 from aoprecalc.errors import InputError, OutputError, UsageError
 from aoprecalc.io.sphere_files.json_format import check_spheres, read_coarser, read_json, sphere_document
 from aoprecalc.io.sphere_files.scenes import (
-    curobo_yaml,
     identifier,
     printable_name,
+    read_balls,
+    read_urdf,
+    read_usda,
     spheres_glb,
     spheres_obj,
     urdf_robot,
     usda_stage,
 )
-from aoprecalc.io.sphere_files.tables import csv_table, npz_archive, ply_points, read_csv, read_npz
+from aoprecalc.io.sphere_files.tables import (
+    csv_table,
+    curobo_yaml,
+    npz_archive,
+    ply_points,
+    read_csv,
+    read_curobo_yaml,
+    read_npz,
+    read_ply_points,
+)
 from aoprecalc.types import Float64Array, Scene, SphereSet
 
 Spheres = tuple[Float64Array, Float64Array]  # centers (n, 3) and radii (n,)
@@ -30,42 +41,42 @@ class SphereFormat:
     """A format of sphere sets.
 
     write   (spheres, quality, scene) -> the content of the file
-    read    file -> (centers, radii), unchecked; None for a format that is only written
+    read    file -> (centers, radii), unchecked
     """
 
     write: Callable[[SphereSet, Quality, Scene | None], str | bytes]
-    read: Callable[[Path], Spheres] | None = None
+    read: Callable[[Path], Spheres]
 
 
-_CUROBO = SphereFormat(lambda spheres, quality, scene: curobo_yaml(spheres, printable_name(scene)))
+_CUROBO = SphereFormat(lambda spheres, quality, scene: curobo_yaml(spheres, printable_name(scene)), read_curobo_yaml)
 
 SPHERE_FORMATS = {
     ".json": SphereFormat(lambda spheres, quality, scene: sphere_document(spheres, quality), read_json),
     ".csv": SphereFormat(lambda spheres, quality, scene: csv_table(spheres), read_csv),
     ".npz": SphereFormat(lambda spheres, quality, scene: npz_archive(spheres), read_npz),
-    ".ply": SphereFormat(lambda spheres, quality, scene: ply_points(spheres)),
-    ".obj": SphereFormat(lambda spheres, quality, scene: spheres_obj(spheres)),
-    ".glb": SphereFormat(lambda spheres, quality, scene: spheres_glb(spheres, scene)),
+    ".ply": SphereFormat(lambda spheres, quality, scene: ply_points(spheres), read_ply_points),
+    ".obj": SphereFormat(lambda spheres, quality, scene: spheres_obj(spheres), read_balls),
+    ".glb": SphereFormat(lambda spheres, quality, scene: spheres_glb(spheres, scene), read_balls),
     ".yml": _CUROBO,
     ".yaml": _CUROBO,
-    ".urdf": SphereFormat(lambda spheres, quality, scene: urdf_robot(spheres, printable_name(scene))),
-    ".usda": SphereFormat(lambda spheres, quality, scene: usda_stage(spheres, identifier(scene))),
+    ".urdf": SphereFormat(lambda spheres, quality, scene: urdf_robot(spheres, printable_name(scene)), read_urdf),
+    ".usda": SphereFormat(lambda spheres, quality, scene: usda_stage(spheres, identifier(scene)), read_usda),
 }
 SPHERE_EXTENSIONS = tuple(SPHERE_FORMATS)
-READABLE_SPHERE_EXTENSIONS = tuple(suffix for suffix, known in SPHERE_FORMATS.items() if known.read is not None)
 
 
 def read_spheres(path: Path) -> Spheres:
-    """Read (centers, radii), (n, 3) and (n,) float64, n >= 1, from .json, .csv or .npz.
+    """Read (centers, radii), (n, 3) and (n,) float64, n >= 1, from a file of any of the formats.
 
-    A JSON needs only "spheres"; its "schema" is checked where it has one.
+    Files of other programs are read too: a JSON needs only "spheres", and its "schema" is checked where it has one; for
+    the others see the readers.
     Raises InputError where the file is missing, has another extension, is damaged or holds an impossible sphere.
     """
     known = SPHERE_FORMATS.get(path.suffix.lower())
-    if known is None or known.read is None:
+    if known is None:
         found = f"the extension {path.suffix}" if path.suffix else "no extension"
-        readable = ", ".join(READABLE_SPHERE_EXTENSIONS)
-        raise InputError(f"{path}: has {found}; spheres are read from {readable}, write them as one of these")
+        known_extensions = ", ".join(SPHERE_EXTENSIONS)
+        raise InputError(f"{path}: has {found}; spheres are read from {known_extensions}, write them as one of these")
     centers, radii = known.read(path)
     check_spheres(path, centers, radii)
     return centers, radii

@@ -14,7 +14,9 @@ _SCHEMA = SCHEMAS["spheres"]
 
 
 def read_file(path: Path) -> bytes:
-    """Return the bytes of a file; raises InputError where it cannot be read."""
+    """Return the bytes of a file; raises InputError where it cannot be read, also for devices and pipes."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file; expected a sphere set")
     try:
         return path.read_bytes()
     except OSError as error:

@@ -1,14 +1,21 @@
-"""Sphere sets as scenes: GLB and OBJ with icospheres, YAML of cuRobo, URDF and USDA with sphere primitives."""
+"""Sphere sets as scenes: GLB and OBJ with icospheres, URDF and USDA with sphere primitives."""
 
 import json
 import re
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
 from aoprecalc.io.formats.gltf.writer import glb
+from aoprecalc.io.meshes import load_scene
+from aoprecalc.io.sphere_files.json_format import read_file
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
@@ -119,20 +126,52 @@ def spheres_obj(spheres: SphereSet) -> str:
     return "\n".join(lines) + "\n"
 
 
-def curobo_yaml(spheres: SphereSet, link: str) -> str:
-    """Return the YAML of cuRobo's collision spheres: all spheres belong to one link of the given name."""
-    # Quoted, because a bare `12` or `no` is no string in YAML; a printable JSON string is a YAML string.
-    lines = ["collision_spheres:", f"  {json.dumps(link, ensure_ascii=False)}:"]
-    for center, radius in zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True):
-        lines.append(f"    - center: [{', '.join(map(_number, center))}]")
-        lines.append(f"      radius: {_number(radius)}")
-    return "\n".join(lines) + "\n"
+_BALL_TOLERANCE = 0.01  # of the radius, by which the points of an object may lie off the sphere
+_MIN_FACE_DISTANCE = 0.75  # of the centres of its triangles, over the radius; 0.64 for a cube, 0.79 for an icosahedron
+_MIN_EXTENT = 1.6  # of its bounding box, over the radius: no dome
 
 
-def _number(value: float) -> str:
-    """Return the shortest digits of a float64; 1e-07 gets a point, without which YAML 1.1 reads it as a string."""
-    text = repr(value)
-    return text if "." in text else text.replace("e", ".0e")
+def read_balls(path: Path) -> tuple[Float64Array, Float64Array]:
+    """Read (centers, radii) as float64 from the objects of an OBJ or GLB that are tessellated spheres.
+
+    In files as `spheres_obj` and `spheres_glb` write them these are the objects `sphere_<n>`, in their order; in others
+    all objects that are spheres, in the file's order. Other objects are left out.
+    Raises InputError where the file is missing or damaged, or no object is a sphere.
+    """
+    scene = load_scene(path)
+    ours = {
+        int(found[1]): part
+        for part in scene.parts
+        if (found := re.fullmatch(r"sphere_(\d{1,9})", part.name)) and (scene.format == "obj" or "sphere" in part.names)
+    }
+    parts = [ours[number] for number in sorted(ours)] or scene.parts
+    balls = [ball for part in parts if (ball := _ball(scene.positions[scene.faces[part.faces]])) is not None]
+    if not balls:
+        objects = counted(len(scene.parts), "object")
+        raise InputError(f"{path}: {objects} found, but no sphere; expected an object for each sphere, of triangles")
+    return np.array([center for center, _ in balls]), np.array([radius for _, radius in balls])
+
+
+def _ball(corners: Float64Array) -> tuple[Float64Array, float] | None:
+    """Return the (center, radius) of the sphere that (f, 3, 3) triangles approximate; None if they do not."""
+    points = corners.reshape(-1, 3)
+    origin = points.mean(axis=0)
+    extent = np.ptp(points, axis=0)
+    scale = float(extent.max())
+    if scale == 0:
+        return origin, 0.0
+    local = (points - origin) / scale
+    # |p|^2 = 2 c.p + (r^2 - |c|^2) for every point p of the sphere, in the least-squares sense
+    terms = np.column_stack([2 * local, np.ones(len(local))])
+    (*middle, rest), _, rank, _ = np.linalg.lstsq(terms, (local**2).sum(axis=1))
+    if rank < terms.shape[1] or rest + np.dot(middle, middle) <= 0:
+        return None
+    center, radius = np.array(middle), float(np.sqrt(rest + np.dot(middle, middle)))
+    off = np.abs(np.linalg.norm(local - center, axis=1) - radius).max()
+    faces = np.linalg.norm(local.reshape(-1, 3, 3).mean(axis=1) - center, axis=1)
+    if off > _BALL_TOLERANCE * radius or faces.min() < _MIN_FACE_DISTANCE * radius:
+        return None
+    return None if extent.min() / scale < _MIN_EXTENT * radius else (origin + scale * center, scale * radius)
 
 
 def urdf_robot(spheres: SphereSet, name: str) -> str:
@@ -159,6 +198,65 @@ def urdf_robot(spheres: SphereSet, name: str) -> str:
 
 def _numbers(*values: float) -> str:
     return " ".join(map(repr, values))
+
+
+def read_urdf(path: Path) -> tuple[Float64Array, Float64Array]:
+    """Read (centers, radii) as float64, unchecked: the sphere collisions of all links, in the robot's coordinates.
+
+    The links are where the origins of their joints put them, each joint at position zero. Collisions of other shapes
+    are left out. Raises InputError where the file is missing or damaged.
+    """
+    data = read_file(path)
+    try:
+        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+            raise ValueError("it declares a document type or entities, which are not read")
+        robot = ElementTree.fromstring(data)
+        if robot.tag != "robot":
+            raise ValueError(f"its root is {robot.tag[:40]!a}, robot was expected")
+        joints = {child.get("link", ""): joint for joint in robot.iter("joint") for child in joint.findall("child")}
+        rows = [row for link in robot.findall("link") for row in _link_spheres(link, _link_frame(link, joints))]
+    except (ElementTree.ParseError, ValueError, KeyError, LookupError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: is no URDF that can be read ({reason}); mend the file") from error
+    values = np.array(rows, np.float64).reshape(-1, 4)
+    return values[:, :3], values[:, 3]
+
+
+Frame = tuple[Float64Array, Float64Array]  # a rotation (3, 3) and a translation (3,)
+
+
+def _link_frame(link: ElementTree.Element, joints: dict[str, ElementTree.Element]) -> Frame:
+    """Return the frame of a link in that of the robot; raises ValueError for joints in a circle."""
+    rotation, translation = np.eye(3), np.zeros(3)
+    name = link.get("name", "")
+    for _ in range(len(joints) + 1):
+        if name not in joints:
+            return rotation, translation
+        own, offset = _origin(joints[name])
+        rotation, translation = own @ rotation, own @ translation + offset
+        parent = joints[name].find("parent")
+        name = "" if parent is None else parent.get("link", "")
+    raise ValueError("its joints form a circle")
+
+
+def _link_spheres(link: ElementTree.Element, frame: Frame) -> Iterator[list[float]]:
+    for collision in link.findall("collision"):
+        sphere = collision.find("geometry/sphere")
+        if sphere is not None:
+            _, offset = _origin(collision)
+            yield [*(frame[0] @ offset + frame[1]).tolist(), float(sphere.attrib["radius"])]
+
+
+def _origin(element: ElementTree.Element) -> Frame:
+    """Return the frame that an `origin` gives; raises ValueError where it has other than three numbers each."""
+    origin = element.find("origin")
+    given = {} if origin is None else origin.attrib
+    roll_pitch_yaw, offset = (
+        np.array([float(word) for word in given.get(key, "0 0 0").split()]) for key in ("rpy", "xyz")
+    )
+    if offset.shape != (3,) or roll_pitch_yaw.shape != (3,):
+        raise ValueError("an origin is not three numbers each of xyz and rpy")
+    return Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix(), offset
 
 
 # USDA: sphere prims under one transform. Most meshes have y up, as glTF; their unit is unknown and taken as a metre.
@@ -188,8 +286,64 @@ _SPHERE = """\
 
 def usda_stage(spheres: SphereSet, name: str) -> str:
     """Return a USDA stage whose default prim has the given name, an identifier, with a Sphere prim for each sphere."""
+    return _stage(spheres.centers, spheres.radii, name)
+
+
+def _stage(centers: Float64Array, radii: Float64Array, name: str) -> str:
     prims = [
         _SPHERE.format(number=number, x=x, y=y, z=z, radius=radius, low=-radius)
-        for number, ((x, y, z), radius) in enumerate(zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True))
+        for number, ((x, y, z), radius) in enumerate(zip(centers.tolist(), radii.tolist(), strict=True))
     ]
     return f"{_HEAD.format(name=name)}{''.join(prims)}}}\n"
+
+
+_RADIUS = re.compile(r"^ +double radius = (\S+)$", re.MULTILINE)
+_TRANSLATION = re.compile(r"^ +double3 xformOp:translate = \((\S+), (\S+), (\S+)\)$", re.MULTILINE)
+_DEFAULT_PRIM = re.compile(r'defaultPrim = "(\w+)"')
+
+
+def read_usda(path: Path) -> tuple[Float64Array, Float64Array]:
+    """Read (centers, radii) as float64, unchecked: the Sphere prims of a USD stage.
+
+    A stage that is exactly as `usda_stage` writes it needs no library; others need usd-core.
+    Raises InputError where the file is missing or damaged, where it needs usd-core or another file, and where a sphere
+    is stretched.
+    """
+    text = read_file(path).decode("utf-8", "replace")
+    name = _DEFAULT_PRIM.search(text)
+    try:
+        radii = np.array([float(radius) for radius in _RADIUS.findall(text)], np.float64)
+        centers = np.array(
+            [[float(value) for value in center] for center in _TRANSLATION.findall(text)], np.float64
+        ).reshape(-1, 3)
+        if name is not None and len(centers) == len(radii) and _stage(centers, radii, name[1]) == text:
+            return centers, radii
+    except ValueError:
+        pass  # another program wrote it
+    if find_spec("pxr") is None:
+        raise InputError(f"{path}: is no stage that aoprecalc wrote; `pip install usd-core` to read those of others")
+    return _read_stage(path)
+
+
+def _read_stage(path: Path) -> tuple[Float64Array, Float64Array]:
+    from pxr import Sdf, Tf, Usd, UsdGeom
+
+    try:
+        layer = Sdf.Layer.FindOrOpen(str(path))
+        if layer is None:
+            raise InputError(f"{path}: cannot be read as USD; export it again")
+        if layer.GetCompositionAssetDependencies():
+            raise InputError(f"{path}: refers to other files, which are not read; flatten it (usdcat --flatten)")
+        stage, cache, rows = Usd.Stage.Open(layer), UsdGeom.XformCache(), list[list[float]]()
+        for prim in stage.Traverse():
+            if prim.IsA(UsdGeom.Sphere):
+                matrix = np.array(cache.GetLocalToWorldTransform(prim))
+                scales = np.linalg.norm(matrix[:3, :3], axis=1)
+                if np.ptp(scales) > 1e-6 * scales.max():
+                    raise InputError(f"{path}: {prim.GetPath()} is stretched, a sphere was expected; scale it evenly")
+                rows.append([*matrix[3, :3].tolist(), float(UsdGeom.Sphere(prim).GetRadiusAttr().Get()) * scales[0]])
+    except (Tf.ErrorException, RuntimeError) as error:
+        reason = " ".join(str(error).split(" : ", 1)[-1].split())[:120]  # behind the place in USD's own sources
+        raise InputError(f"{path}: cannot be read as USD ({reason}); export it again") from error
+    values = np.array(rows, np.float64).reshape(-1, 4)
+    return values[:, :3], values[:, 3]

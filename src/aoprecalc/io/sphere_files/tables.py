@@ -1,14 +1,18 @@
-"""Sphere sets as tables: CSV (x,y,z,radius), NumPy archives (centers, radii) and PLY points (x, y, z, radius)."""
+"""Sphere sets as tables: CSV (x,y,z,radius), NumPy archives (centers, radii), PLY points (x, y, z, radius), YAML."""
 
 import csv
 import io
+import json
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aoprecalc.errors import InputError
+from aoprecalc.io.formats.ply import ply_header
+from aoprecalc.io.formats.ply_table import read_table
 from aoprecalc.io.sphere_files.json_format import read_file
 from aoprecalc.types import Float64Array, SphereSet
 
@@ -97,3 +101,94 @@ def ply_points(spheres: SphereSet) -> bytes:
     ]
     rows = np.column_stack([spheres.centers, spheres.radii]).astype("<f8")
     return "\n".join(header).encode() + rows.tobytes()
+
+
+def read_ply_points(path: Path) -> tuple[Float64Array, Float64Array]:
+    """Read (centers, radii) as float64, unchecked, from the vertices of a PLY, ASCII or binary.
+
+    Raises InputError where the file is missing or damaged, or its vertices lack one of the properties.
+    """
+    data = read_file(path)
+    try:
+        header = ply_header(path, data)
+        tables = read_table(path, header.elements, header.body, header.order)
+        columns = tables["vertex"].columns if "vertex" in tables else {}
+    except InputError:
+        raise
+    except Exception as error:  # whatever a damaged file provokes
+        raise InputError(f"{path}: is no PLY of spheres ({error}); write it anew") from error
+    lacking = [name for name in PROPERTIES if name not in columns]
+    if lacking:
+        expected = ", ".join(PROPERTIES)
+        raise InputError(f"{path}: its vertices lack {', '.join(lacking)}; expected {expected}, as of a sphere set")
+    values = [np.asarray(columns[name], np.float64) for name in PROPERTIES]
+    return np.column_stack(values[:3]), values[3]
+
+
+# YAML of cuRobo's collision spheres.
+
+_PLACES = ((), ("kinematics",), ("robot_cfg", "kinematics"))  # where robot files of cuRobo have "collision_spheres"
+
+
+def curobo_yaml(spheres: SphereSet, link: str) -> str:
+    """Return the YAML of cuRobo's collision spheres: all spheres belong to one link of the given name."""
+    # Quoted, because a bare `12` or `no` is no string in YAML; a printable JSON string is a YAML string.
+    lines = ["collision_spheres:", f"  {json.dumps(link, ensure_ascii=False)}:"]
+    for center, radius in zip(spheres.centers.tolist(), spheres.radii.tolist(), strict=True):
+        lines.append(f"    - center: [{', '.join(map(_number, center))}]")
+        lines.append(f"      radius: {_number(radius)}")
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> str:
+    """Return the shortest digits of a float64; 1e-07 gets a point, without which YAML 1.1 reads it as a string."""
+    text = repr(value)
+    return text if "." in text else text.replace("e", ".0e")
+
+
+def read_curobo_yaml(path: Path) -> tuple[Float64Array, Float64Array]:
+    """Read (centers, radii) as float64, unchecked: the spheres of the one link that has any.
+
+    Raises InputError where the file is missing or damaged, or where several links have spheres: each has its own
+    coordinates.
+    """
+    document = _load_yaml(path, read_file(path))
+    found: Any = None
+    for place in _PLACES:
+        table = document
+        for key in place:
+            table = table.get(key) if isinstance(table, dict) else None
+        if found is None and isinstance(table, dict):
+            found = table.get("collision_spheres")
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: holds no collision_spheres, a table of links and their spheres was expected")
+    links = {name: rows for name, rows in found.items() if rows}
+    if len(links) > 1:
+        names = ", ".join(f"{str(name)[:40]!a}" for name in list(links)[:5]) + (", ..." if len(links) > 5 else "")
+        raise InputError(
+            f"{path}: {len(links)} links have spheres ({names}), each in its own coordinates; keep the one of the mesh"
+        )
+    try:
+        rows = [row for rows in links.values() for row in rows]
+        centers = np.array([[float(value) for value in row["center"]] for row in rows], np.float64)
+        radii = np.array([float(row["radius"]) for row in rows], np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: a sphere has no center [x, y, z] and radius ({error}); mend the file") from error
+    return centers, radii
+
+
+def _load_yaml(path: Path, data: bytes) -> Any:
+    """Return the document of a YAML file; aliases, which can make a small file huge, are refused."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("it has an alias (*name), which is not read")
+            return super().compose_node(parent, index)
+
+    try:
+        return yaml.load(data, Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: is no YAML that can be read ({reason}); mend the file") from error
