@@ -99,7 +99,8 @@ def test_other_options_of_the_bake_are_said_where_they_may_be_the_reason(ring, t
         report = compared(a, b)
         assert report["answer"] == "different"
         assert report["warnings"] == [expected]
-        assert compared(a, b, tolerance=1)["warnings"] == []
+        near = compared(a, b, tolerance=1)
+        assert (near["warnings"], near["notes"]) == ([], [expected])
     done = run(tmp_path, "compare", ring / "a" / TEXTURE, files.texture)
     assert done.stderr.splitlines()[0] == f"warning: {expected}"
 
@@ -176,7 +177,8 @@ def test_a_difference_leaves_its_report_and_picture(ring, tmp_path, run):
     report = json.loads(done.stdout)
     assert report == json.loads((tmp_path / "r.json").read_text())
     assert list(report) == [
-        *("schema", "version", "kind", "a", "b", "answer", "difference", "tolerance", "reason", "details", "warnings")
+        *("schema", "version", "kind", "a", "b", "answer", "difference", "tolerance", "reason", "details", "warnings"),
+        "notes",
     ]
     assert (report["schema"], report["tolerance"], report["kind"]) == (1, 0.005, "mesh")
     assert (report["a"], report["b"]) == tuple(map(str, words))

@@ -38,7 +38,7 @@ from aoprecalc.metrics import (
 )
 from aoprecalc.options import CompareOptions, ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
-from aoprecalc.progress import Progress
+from aoprecalc.progress import Note, Progress, notes_of, tell, warnings_of
 from aoprecalc.render import comparison_picture
 
 Kind = Literal["texture", "mesh", "spheres", "report"]
@@ -81,6 +81,9 @@ class CompareReport(Document):
     details : dict
         What else was measured, by the kind.
     warnings : tuple of str
+        What may need an action.
+    notes : tuple of str
+        Other lines about the result.
     """
 
     schema: int = field(default=SCHEMAS["compare"], kw_only=True)
@@ -93,6 +96,7 @@ class CompareReport(Document):
     reason: str
     details: dict[str, Any]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def passed(self) -> bool:
@@ -146,7 +150,7 @@ def compare(
     report : str or path-like, optional
         A JSON file (or a folder) for the report.
     progress : Progress, optional
-        Receives stages and warnings.
+        Receives stages, notes and warnings.
 
     Returns
     -------
@@ -196,8 +200,12 @@ def compare(
                 raise UsageError(f"{a}, {b}: have no textures for --picture to show; omit it")
             write_colors(outputs.path(paths["picture"]), comparison_picture(difference.pair))
         lines = [f"{path}: {line}" for path, side in ((a, first), (b, second)) for line in side.warnings]
-        if answer == "different":
-            lines += baked_differently(first.options, second.options)
+        messages: list[str] = [*dict.fromkeys(lines), *difference.warnings]
+        for line in baked_differently(first.options, second.options):
+            messages.append(line if answer == "different" else Note(line))
+        if kind == "texture" and not (difference.reason or difference.details["surface"]):
+            told = "no mesh was found beside the textures: the whole picture counts; name their mesh with --mesh"
+            messages.append(Note(told))
         document = CompareReport(
             kind=kind,
             a=str(a),
@@ -207,14 +215,12 @@ def compare(
             tolerance=options.tolerance,
             reason=difference.reason,
             details=difference.details,
-            warnings=(*dict.fromkeys(lines), *difference.warnings),
+            warnings=warnings_of(messages),
+            notes=notes_of(messages),
         )
         if "report" in paths:
             write_json(outputs.path(paths["report"]), document.to_dict())
-    if kind == "texture" and difference.details.get("surface", ...) is None:
-        progress.note("no mesh was found beside the textures: the whole picture counts; name their mesh with --mesh")
-    for line in document.warnings:
-        progress.warn(line)
+    tell(progress, messages)
     return document
 
 

@@ -27,7 +27,7 @@ from aoprecalc.mesh.sampling import sample_surface
 from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
 from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
 from aoprecalc.options import Estimator, ValueOptions, VerifyOptions
-from aoprecalc.progress import Progress, StageTimer
+from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.render.comparison import error_heat_map, heat_map_size
@@ -91,6 +91,9 @@ class VerifyReport(Document):
     seconds : dict of str to float
         Per stage, and ``"total"``.
     warnings : tuple of str
+        What may need an action.
+    notes : tuple of str
+        Other lines about the result.
     """
 
     schema: int = field(default=SCHEMAS["verify"], kw_only=True)
@@ -108,6 +111,7 @@ class VerifyReport(Document):
     passed: bool
     seconds: dict[str, float]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @property
     def error(self) -> float:
@@ -144,7 +148,7 @@ def verify(
     report : str or path-like, optional
         A JSON file (or a folder) for the report.
     progress : Progress, optional
-        Receives stages and warnings.
+        Receives stages, notes and warnings.
 
     Returns
     -------
@@ -178,8 +182,6 @@ def verify(
             mesh = as_mesh(mesh)
             surface = TexturedSurface.of(mesh._scene, _read_texture(mesh, texture), options)
         picture = surface.picture
-        if surface.taken:
-            progress.note(f"as baked, by {picture.name}: {shlex.join(surface.taken)}")
         outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
         for key, path in paths.items():
             claim_output(outputs, wanted[key][0], path)
@@ -197,21 +199,17 @@ def verify(
         if "heat_map" in paths:
             with timer.stage("heat map"):
                 _write_heat_map(outputs.path(paths["heat_map"]), surface, verified)
+        messages = _messages(surface, options)
         document = replace(
             _report(surface, verified, options),
             outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),
             seconds=timer.seconds(),
-            warnings=(
-                *surface.scene.warnings,
-                *surface.warnings,
-                *_warn_of_rays(options),
-                *warn_of_shared_uvs(surface.scene),
-            ),
+            warnings=warnings_of(messages),
+            notes=notes_of(messages),
         )
         if "report" in paths:
             write_json(outputs.path(paths["report"]), document.to_dict())
-    for line in document.warnings:
-        progress.warn(line)
+    tell(progress, messages)
     return document
 
 
@@ -260,6 +258,19 @@ def _read_texture(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -
     return find_occlusion(scene)
 
 
+def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
+    """Return notes and warnings about the mesh, the texture and the options."""
+    taken = f"as baked, by {surface.picture.name}: {shlex.join(surface.taken)}"
+    return [
+        *([Note(taken)] if surface.taken else []),
+        *surface.scene.notes,
+        *surface.scene.warnings,
+        *surface.warnings,
+        *_warn_of_rays(options),
+        *warn_of_shared_uvs(surface.scene),
+    ]
+
+
 def _write_heat_map(path: Path, surface: TexturedSurface, verified: TextureErrors) -> None:
     height, width = surface.picture.values.shape
     layout = build_layout(surface.scene, surface.atlas, *heat_map_size(width, height))
@@ -283,7 +294,7 @@ def _warn_of_rays(options: VerifyOptions) -> list[str]:
 
 
 def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOptions) -> VerifyReport:
-    """Return the report without outputs, seconds and warnings."""
+    """Return the report without outputs, seconds, warnings and notes."""
     scene, atlas, picture = surface.scene, surface.atlas, surface.picture
     height, width = picture.values.shape
     errors = RayTracedErrors.of(verified)
@@ -303,4 +314,5 @@ def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOp
         passed=options.tolerance is None or verified.levels[0].rmse <= options.tolerance,
         seconds={},
         warnings=(),
+        notes=(),
     )
