@@ -100,3 +100,4 @@ def test_the_parts_of_the_bake_are_those_that_are_measured(blocks):
     report = ao.verify(mesh, options=VerifyOptions(**QUICK))
     assert (report.options.exclude, report.options.only) == (("pot",), ("table",))
     assert report.texture.triangles == 4
+    assert not [line for line in report.warnings if "left out" in line]

@@ -6,9 +6,11 @@ import json
 import numpy as np
 import pytest
 
+from aoprecalc.api.textured_surface import TexturedSurface
 from aoprecalc.errors import InputError
 from aoprecalc.io import find_occlusion, load_scene, read_image, source_files, write_image
 from aoprecalc.io.images import decode_pixels
+from aoprecalc.options import VerifyOptions
 
 LIGHT = np.linspace(0.2, 0.8, 16, dtype=np.float32).reshape(2, 8)
 DARK = LIGHT / 2
@@ -114,8 +116,12 @@ def test_of_different_pictures_one_is_taken_and_the_other_faces_are_left_out(glt
     assert first.shown.tolist() == [True] * 12 + [False] * 24
     assert shows(second, DARK)
     assert second.shown.tolist() == [False] * 12 + [True] * 12 + [False] * 12
-    assert "24 of 36 faces are left out" in first.warnings[0]
-    assert "dark.png" in first.warnings[0]
+    assert (first.others, second.others) == ((str(pictures / "dark.png"),), (str(pictures / "light.png"),))
+    said = [TexturedSurface.of(scene, found, VerifyOptions()).warnings for found in (first, second)]
+    assert [len(lines) for lines in said] == [1, 1]
+    assert said[0][0].startswith("24 of 36 faces are left out: their materials have other textures (")
+    one = VerifyOptions(only=(scene.parts[0].name,))
+    assert TexturedSurface.of(scene, first, one).warnings == ()  # the other parts are not to have it
 
 
 def test_a_part_without_that_set_of_uvs_has_none(gltf_cube, pictures):

@@ -10,7 +10,7 @@ from PIL import Image
 
 from aoprecalc.api.bake import bake_file
 from aoprecalc.io import Outputs, load_scene, read_image, write_baked_mesh, write_image
-from aoprecalc.io.images import read_text
+from aoprecalc.io.images import decode_text, read_text
 from aoprecalc.options import BakeOptions
 from gltf_kit.gltf_documents import APART, corner
 from gltf_kit.gltf_maker import png
@@ -377,6 +377,7 @@ def test_a_whole_bake_gives_a_valid_document(gltf, tmp_path, kind):
     document, (ao, *_) = GltfValues(result.files.mesh), read_image(result.files.texture)
     said = [infos(document, index)[1].pop("extras")["aoprecalc"] for index in (0, 1)]
     assert said == [json.loads(read_text(result.files.texture))] * 2
+    assert decode_text(document.texture(0)["source"][0]) == read_text(result.files.texture)  # of the packed image
     assert infos(document, 0) == ({"index": 0}, occlusion_info(0))
     assert pixels(document, {"index": 0})[0, :, 0].tolist() == np.rint(255 * ao).tolist()
     assert infos(document, 1) == (None, occlusion_info(1))

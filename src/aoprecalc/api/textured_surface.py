@@ -102,6 +102,11 @@ def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, tuple[str, .
             f"{scene.path}: none of its {len(scene.faces)} faces has area and UVs in {picture.name}; "
             "bake it, or export it with UVs"
         )
-    without = np.count_nonzero(picture.shown & scene.receives & has_area & ~has_uvs)
-    warnings = (f"{without} of {len(scene.faces)} faces have no UVs in the texture and are left out",)
-    return atlas_from_uvs(scene, picture.uvs, mapped), warnings if without else ()
+    wanted, faces = scene.receives & has_area, len(scene.faces)
+    warnings = list[str]()
+    if (elsewhere := np.count_nonzero(wanted & ~picture.shown)) > 0:
+        found = f"other textures ({', '.join(picture.others)})" if picture.others else "no such texture"
+        warnings.append(f"{elsewhere} of {faces} faces are left out: their materials have {found}")
+    if (without := np.count_nonzero(wanted & picture.shown & ~has_uvs)) > 0:
+        warnings.append(f"{without} of {faces} faces have no UVs in the texture and are left out")
+    return atlas_from_uvs(scene, picture.uvs, mapped), tuple(warnings)

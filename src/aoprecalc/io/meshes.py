@@ -219,6 +219,7 @@ class OcclusionTexture:
     shown     (f,) bool: the faces that have this texture
     warnings  for the user
     options   those that defined the values when they were baked; None where the files do not say
+    others    names of the textures that other faces have
     """
 
     name: str
@@ -228,6 +229,7 @@ class OcclusionTexture:
     shown: BoolArray
     warnings: tuple[str, ...]
     options: ValueOptions | None = None
+    others: tuple[str, ...] = ()
 
 
 def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> OcclusionTexture:
@@ -256,16 +258,13 @@ def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> 
     shown = np.repeat([chosen not in images or part.image == chosen for part in parts], sizes)
 
     warnings = dict.fromkeys(part.note for part in parts if part.note and part.image == chosen)
-    if not shown.all():
-        others = ", ".join(image.name for image in images if image != chosen)
-        left_out = f"{np.count_nonzero(~shown)} of {len(shown)} faces are left out: their materials have"
-        warnings[f"{left_out} {f'other textures ({others})' if others else 'no such texture'}"] = None
     values = chosen.first_channel()
     if not np.isfinite(values).all():
         raise InputError(f"{chosen.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
     extras = next((part.extras for part in parts if part.image == chosen and part.extras is not None), None)
     options, damage = baked_options(chosen, extras)
-    return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, (*warnings, *damage), options)
+    others = () if shown.all() else tuple(image.name for image in images if image != chosen)
+    return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, (*warnings, *damage), options, others)
 
 
 def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptions | None, tuple[str, ...]]:
