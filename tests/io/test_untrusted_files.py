@@ -4,17 +4,21 @@ import json
 import struct
 import zipfile
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
+from aoprecalc import SphereOptions, fit_spheres
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
 from aoprecalc.io.formats.builder import read_file
 from aoprecalc.io.formats.gltf.document import local_file
 from aoprecalc.io.images import MAX_SIDE, read_pixels
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_spheres
 from aoprecalc.pipeline.state import FileStamp, StateFolder
 from gltf_kit.gltf_maker import data_uri
 
@@ -118,6 +122,16 @@ def test_a_zip_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_p
     (tmp_path / "a.3mf").write_bytes(data.replace(size, huge))
     with pytest.raises(InputError, match=r"is a ZIP of 4\.0 GiB when unpacked, at most 1 GiB were expected"):
         load_scene(tmp_path / "a.3mf")
+
+
+@pytest.mark.parametrize("extension", SPHERE_EXTENSIONS)
+def test_bytes_that_are_no_text_are_no_fault_of_ours(extension, tmp_path):
+    path = tmp_path / f"a{extension}"
+    fit_spheres(trimesh.creation.icosphere(1), SphereOptions(4, samples=300)).save(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] + b"\x80\xff" + data[len(data) // 2 + 2 :])
+    with suppress(InputError):  # the damage may be where nobody looks
+        read_spheres(path)
 
 
 ENTITIES = (

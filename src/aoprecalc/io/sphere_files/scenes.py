@@ -309,7 +309,12 @@ def read_usda(path: Path) -> tuple[Float64Array, Float64Array]:
     Raises InputError where the file is missing or damaged, where it needs usd-core or another file, and where a sphere
     is stretched.
     """
-    text = read_file(path).decode("utf-8", "replace")
+    try:
+        text = read_file(path).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: holds bytes that are no text ({error}), USDA was expected; export it again"
+        ) from error
     name = _DEFAULT_PRIM.search(text)
     try:
         radii = np.array([float(radius) for radius in _RADIUS.findall(text)], np.float64)
