@@ -124,7 +124,8 @@ def run(tmp_path):
     positions, faces = torus(around=24, across=12)
     lines = ["OFF", f"{len(positions)} {len(faces)} 0", *("{:.5f} {:.5f} {:.5f}".format(*point) for point in positions)]
     text = "\n".join([*lines, *("3 {} {} {}".format(*corners) for corners in faces)])
-    (tmp_path / "work" / "ring.off").write_text(text + "\n")
+    for name in ("ring.off", "copy.off"):
+        (tmp_path / "work" / name).write_text(text + "\n")
 
     def run_in(start, *words, code=0):
         (tmp_path / "sitecustomize.py").write_text(start)
@@ -166,12 +167,26 @@ def test_a_bake_falls_to_rays_is_measured_and_compared(start, run):
 @systems
 def test_spheres_and_a_batch(start, run):
     run(start, "spheres", "ring.off", "-n", "12", "-s", "2000")
-    words = ["batch", "ring.off", "-o", "out", "--bake", " ".join(QUICK), "--spheres", "-n 12 -s 2000", "--jobs", "2"]
+    words = [
+        "batch",
+        "ring.off",
+        "copy.off",
+        "-o",
+        "out",
+        "--bake",
+        " ".join(QUICK),
+        "--spheres",
+        "-n 12 -s 2000",
+        "--jobs",
+        "2",
+    ]
     words += ["--cache", "cache", "--json"]
-    assert json.loads(run(start, *words).stdout)["counts"]["made"] == 1
-    assert json.loads(run(start, *words).stdout)["counts"]["unchanged"] == 1
-    words[3] = "other"
-    assert json.loads(run(start, *words).stdout)["counts"]["cached"] == 1
+    done = run(start, *words)
+    assert json.loads(done.stdout)["counts"]["made"] == 2
+    assert sum("rays are traced" in line for line in done.stderr.splitlines()) == 1
+    assert json.loads(run(start, *words).stdout)["counts"]["unchanged"] == 2
+    words[4] = "other"
+    assert json.loads(run(start, *words).stdout)["counts"]["cached"] == 2
 
 
 @linux

@@ -2,11 +2,13 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
 import tarfile
 import zipfile
+from email import message_from_bytes
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +93,18 @@ def test_the_wheel_holds_the_package_whole_and_nothing_else(wheel):
     names = {name for name in names_in(wheel) if not name.startswith(f"aoprecalc-{__version__}.dist-info/")}
     assert names == {name.removeprefix("src/") for name in tracked("src")}
     assert {Path(name).suffix for name in names} == {".py", ".glsl", ".json", ".typed"}
+
+
+@pytest.mark.slow
+def test_the_description_on_pypi_refers_to_files_by_their_addresses(wheel):
+    with zipfile.ZipFile(wheel) as opened:
+        described = message_from_bytes(opened.read(f"aoprecalc-{__version__}.dist-info/METADATA"))
+    targets = re.findall(r"\]\(([^)]*)\)", described.get_payload())
+    assert targets
+    for target in targets:
+        address, _, path = target.partition("/main/")
+        assert address.startswith(("https://raw.githubusercontent.com/aoprecalc/", "https://github.com/aoprecalc/"))
+        assert (ROOT / path.partition("#")[0]).exists()
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from aoprecalc.pipeline.report import AssetResult, BatchProgress, BatchReport
 from aoprecalc.pipeline.state import STATE_FOLDER, StateFolder
 from aoprecalc.pipeline.store import PendingAsset, ResultStore
 from aoprecalc.pipeline.workers import ProcessPool, WorkerPool
+from aoprecalc.visibility.backend import RayBackend, ray_note
 
 _KNOWN_OUTPUTS = ("report.json", "spheres.json")  # suffixes of output names that are known before the work
 
@@ -194,12 +195,16 @@ def run_batch(
     """Carry out a plan; see `batch`."""
     started, options, progress = time.perf_counter(), options or BatchOptions(), progress or BatchProgress()
     results: dict[str, AssetResult] = {}
-    interrupted = False
+    interrupted = said_rays = False
 
     def finish(result: AssetResult) -> bool:
         """Keep a result; return whether the batch ends with it."""
+        nonlocal said_rays
         results[result.asset.name] = result
         progress.end(result)
+        if not said_rays and _fell_to_rays(result):
+            progress.note(ray_note())
+            said_rays = True
         return options.fail_fast and result.status == "failed"
 
     with ResultStore(plan.output, None if cache is None else Cache(Path(cache)), options, progress) as store:
@@ -234,6 +239,13 @@ def run_batch(
     passed = all(result.status in ("made", "unchanged", "cached") for result in ordered)
     report = BatchReport.of(ordered, plan.output, time.perf_counter() - started)
     return BatchResult(ordered, passed, interrupted, report)
+
+
+def _fell_to_rays(result: AssetResult) -> bool:
+    """Tell whether an asset has just been baked by rays although that is slower and nobody asked for it."""
+    bake, summary = result.asset.spec.bake, result.summary or {}
+    is_free = bake is not None and bake.backend == "auto"
+    return is_free and result.status == "made" and summary.get("renderer") == RayBackend.name
 
 
 @contextmanager

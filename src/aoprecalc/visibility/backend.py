@@ -147,11 +147,12 @@ def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backe
             raise RendererError(f"{error}; or trace rays: {no_rays}") from error
         if options.backend == "gl":
             raise RendererError(f"{error}; or trace rays: --backend ray") from error
-        progress.note(_ray_note())
+        progress.note(ray_note())
         return RayBackend(options.threads)
 
 
-def _ray_note() -> str:
+def ray_note() -> str:
+    """Say that `auto` takes rays, why, and how to get what is faster."""
     problem, opengl = opengl_problem(), f"OpenGL {VERSION[0]}.{VERSION[1]}"
     if problem is not None:
         return f"rays are traced instead of maps drawn: no {opengl}: {problem}"
