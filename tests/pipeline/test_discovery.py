@@ -79,7 +79,8 @@ def test_a_pattern_that_fits_nothing_is_an_error(pattern, here):
     (here / "empty").mkdir()
     message, code = said(plan_batch, ["rock.obj", pattern], "../out", None)
     assert code == 4
-    assert message.startswith(f"{pattern}: matches no mesh; one of .obj, ")
+    assert message.startswith(f"{pattern}: matches no mesh")
+    assert "; one of .obj, " in message
 
 
 ALIKE = {

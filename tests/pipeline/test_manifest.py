@@ -2,8 +2,9 @@
 
 import pytest
 
+from aoprecalc.errors import UsageError
 from aoprecalc.options import BakeOptions, SphereOptions
-from aoprecalc.pipeline import plan_batch
+from aoprecalc.pipeline import batch, plan_batch
 from aoprecalc.pipeline.jobs import JobSpec
 from pipeline.helpers import contents, error_of, run, write_ring
 
@@ -51,14 +52,65 @@ def test_all_paths_count_from_its_folder(planned, here):
     assert str(assets["chair"].mesh) == "../game/props/chair.obj"
 
 
-def test_an_override_that_fits_nothing_is_told(here):
-    text = 'inputs = "*.obj"\noutput = "out"\nbake = true\n[[override]]\nmatch = "{}"\nbake.size = 64\n'
-    manifest = here / "batch.toml"
-    manifest.write_text(text.format("prosp/*"))
-    (line,) = plan_batch([str(manifest)], None, None).warnings
-    assert line == f"{manifest}: the [[override]] of 'prosp/*' fits none of its meshes"
-    manifest.write_text(text.format("ro*"))
-    assert plan_batch([str(manifest)], None, None).warnings == ()
+MISSES = {
+    "an override": ("", '[[override]]\nmatch = "prosp/*"\n', "match = 'prosp/*' matches none", "'props/*'"),
+    "an override by name": ("", '[[override]]\nmatch = "tabel.ply"\n', "match = 'tabel.ply' matches", "'table.ply'"),
+    "exclude": ('exclude = ["props/old/*", "rok.obj"]\n', "", "exclude = 'rok.obj' matches none", "'rock.obj'"),
+    "an asset": ("", '[[asset]]\nmesh = "props/chairs.obj"\n', "mesh = 'props/chairs.obj' is", "'props/chair.obj'"),
+    "an asset in no folder": ("", '[[asset]]\nmesh = "prosp/a.obj"\n', "mesh = 'prosp/a.obj' is no file", "'props/"),
+    "a folder": ("", '[[override]]\nmatch = "props/"\n', "match = 'props/' matches none", "'props/*'"),
+    "nothing like it": ("", '[[override]]\nmatch = "zzz"\n', "match = 'zzz' matches none of its meshes; correct", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", MISSES)
+def test_what_matches_nothing_is_an_error_with_the_nearest(case, here, command):
+    keys, tables, words, nearest = MISSES[case]
+    (here / "batch.toml").write_text(f'inputs = "**/*"\noutput = "out"\nbake = true\n{keys}{tables}')
+    done = command("batch", "../game/batch.toml")
+    assert done.returncode == 2
+    assert words in error_of(done)
+    assert nearest in error_of(done)
+    assert "relative to the manifest's folder" in error_of(done)
+    with pytest.raises(UsageError, match="correct this"):
+        batch(here / "batch.toml")
+
+
+def test_all_that_match_nothing_are_told_at_once(here, command):
+    overrides = "".join(f'[[override]]\nmatch = "{name}"\n' for name in ("rock.obj", "one", "two/*"))
+    text = 'inputs = "*.obj"\nexclude = "three"\noutput = "out"\nbake = true\n'
+    (here / "batch.toml").write_text(text + overrides + '[[asset]]\nmesh = "four.obj"\n')
+    error = error_of(command("batch", here / "batch.toml"))
+    assert [word in error for word in ("'one'", "'two/*'", "'three'", "'four.obj'")] == [True] * 4
+    assert "match = 'rock.obj'" not in error
+
+
+PATTERNS = {
+    "rock.obj": ["rock"],
+    "chair.obj": ["props/chair", "props/old/chair"],
+    "*.ply": ["props/table"],
+    "props/*": ["props/chair", "props/old/chair", "props/table"],
+    "./props/chair.obj": ["props/chair"],
+    "{here}/props/chair.obj": ["props/chair"],
+    "{here}/props/old/*": ["props/old/chair"],
+    "../game/rock.obj": ["rock"],
+    "props/**/chair.obj": ["props/chair", "props/old/chair"],
+    "**/chair.obj": ["props/chair", "props/old/chair"],
+    "**/rock.obj": ["rock"],
+    "**/old/**/*": ["props/old/chair"],
+    "*/t?ble.ply": ["props/table"],
+}
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("inputs", ["**/*", "{here}/**/*", "../game/**/*"])
+@pytest.mark.parametrize("manifest", ["../game/batch.toml", "{here}/batch.toml", "../link/batch.toml"])
+def test_what_matches_does_not_depend_on_how_paths_are_written(pattern, inputs, manifest, here):
+    (here.parent / "link").symlink_to(here)
+    text = f'output = "out"\ninputs = "{inputs}"\nbake = true\n[[override]]\nmatch = "{pattern}"\nspheres = true\n'
+    (here / "batch.toml").write_text(text.format(here=here))
+    assets = plan_batch([manifest.format(here=here)], None, None).assets
+    assert sorted(asset.name for asset in assets if asset.spec.spheres) == PATTERNS[pattern]
 
 
 def test_another_output_counts_from_the_present_folder(planned):
@@ -97,7 +149,7 @@ def test_exclude_leaves_out(planned):
     text = 'inputs = "**/*"\nbake = true\nexclude = '
     assert list(specs(planned, text + '"props/*"')) == ["rock"]
     assert list(specs(planned, text + '["*/old/*", "rock.*"]')) == ["props/chair", "props/table"]
-    assert list(specs(planned, text + '"chair.obj"')) == ["props/chair", "props/old/chair", "props/table", "rock"]
+    assert list(specs(planned, text + '"chair.obj"')) == ["props/table", "rock"]
 
 
 OVERRIDES = """
@@ -204,12 +256,6 @@ def test_an_asset_alone_needs_no_inputs(planned):
     assert specs(planned, '[[asset]]\nmesh = "rock.obj"\nspheres = {spheres = 3}\n') == {
         "rock": JobSpec(spheres=SphereOptions(3))
     }
-
-
-def test_what_is_said_of_no_asset_does_not_matter(planned):
-    """An override that fits nothing is no fault: overrides outlive files."""
-    text = 'inputs = "rock.obj"\nbake = true\n[[override]]\nmatch = "gone/*"\nbake = {directions = 64}\n'
-    assert specs(planned, text) == {"rock": DEFAULT}
 
 
 GOOD = 'inputs = "*.obj"\noutput = "out"\n'

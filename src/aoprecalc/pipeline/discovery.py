@@ -4,11 +4,15 @@ import glob
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.io import MESH_EXTENSIONS
 from aoprecalc.system import path_from
+
+_MAX_SUGGESTIONS = 3  # for a pattern that matches nothing
 
 
 def is_pattern(text: str, root: str | Path = "") -> bool:
@@ -22,9 +26,10 @@ def find_meshes(patterns: Sequence[str], is_output: Callable[[Path], bool], root
     A pattern is the name of a file, which may have the wildcards *, ? and ** (any folders), or a folder, which stands
     for all files below it. Wildcards and folders match files with the extension of a mesh only, sorted.
     root   the folder that patterns are relative to; empty: the current one
-    Raises InputError for a pattern that matches no mesh.
+    Raises InputError for patterns that match no mesh; it names them all.
     """
     found: dict[str, Path] = {}
+    missed: list[str] = []
     for pattern in patterns:
         path = os.path.join(root, pattern)
         if os.path.isdir(path):
@@ -34,17 +39,70 @@ def find_meshes(patterns: Sequence[str], is_output: Callable[[Path], bool], root
         else:
             matches = [Path(path)] if _is_mesh(path) else []  # if it is missing, that asset fails
         if not matches:
-            raise InputError(
-                f"{path}: matches no mesh; one of {', '.join(MESH_EXTENSIONS)} was expected; check the pattern"
-            )
+            others = [other for other in neighbours(path) if other != os.path.join(path, "*")]
+            missed.append(f"{path}: matches no mesh{suggest(path, others)}")
         for mesh in matches:
             if not is_output(mesh):
                 found.setdefault(os.path.abspath(mesh), mesh)
+    if missed:
+        expected = (
+            f"one of {', '.join(MESH_EXTENSIONS)} was expected; check the pattern{'s' if len(missed) > 1 else ''}"
+        )
+        raise InputError(f"{'; '.join(missed)}; {expected}")
     if patterns and not found:
         raise InputError(
             f"{', '.join(patterns)}: matches only outputs of batches, meshes were expected; check the pattern"
         )
     return list(found.values())
+
+
+def path_matches(path: str, pattern: str) -> bool:
+    """Tell whether a relative path matches a pattern, both with forward slashes.
+
+    A pattern without a slash is compared with the name of the file. * and ? match slashes as well; **/ is any number
+    of folders, or none.
+    """
+    if "/" not in pattern:
+        return fnmatchcase(path.rpartition("/")[2], pattern)
+    return any(fnmatchcase(path, expanded) for expanded in _without_double_stars(pattern))
+
+
+def _without_double_stars(pattern: str) -> list[str]:
+    """Return a pattern once with folders, and once with none, in the place of each **/ in it."""
+    head, deep, rest = pattern.partition("**/")
+    return [head + folders + tail for folders in ("", "*/") for tail in _without_double_stars(rest)] if deep else [head]
+
+
+def suggest(pattern: str, candidates: Iterable[str]) -> str:
+    """Return the candidates that are the most like a pattern, as the end of a message; empty where none is."""
+    folded: dict[str, str] = {}
+    for candidate in candidates:
+        folded.setdefault(candidate.casefold(), candidate)
+    near = get_close_matches(pattern.casefold(), folded, _MAX_SUGGESTIONS)
+    return f" (nearest: {', '.join(repr(folded[name]) for name in near)})" if near else ""
+
+
+def with_folders(paths: Iterable[str]) -> list[str]:
+    """Return relative paths with what else could be meant: their names, and all files of their folders."""
+    found: dict[str, None] = {}
+    for path in paths:
+        parts = path.split("/")
+        folders = ["/".join([*parts[:depth], "*"]) for depth in range(1, len(parts))]
+        found |= dict.fromkeys([path, parts[-1], *folders])
+    return list(found)
+
+
+def neighbours(path: str) -> list[str]:
+    """Return the meshes and folders, with /*, in the deepest folder of a path or pattern that exists."""
+    folder = Path(path).parent
+    while not folder.is_dir():
+        folder = folder.parent
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError:
+        return []
+    shown = [entry for entry in entries if not entry.name.startswith(".") and (_is_mesh(entry.name) or entry.is_dir())]
+    return [f"{entry}/*" if entry.is_dir() else str(entry) for entry in shown]
 
 
 def base_folder(patterns: Iterable[str], root: str | Path = "") -> Path:

@@ -4,15 +4,26 @@ import os
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
+from functools import cache as memoize
 from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError
-from aoprecalc.pipeline.discovery import base_folder, check_distinct, find_meshes, is_pattern, name_assets
+from aoprecalc.pipeline.discovery import (
+    base_folder,
+    check_distinct,
+    find_meshes,
+    is_pattern,
+    name_assets,
+    neighbours,
+    path_matches,
+    suggest,
+    with_folders,
+)
 from aoprecalc.pipeline.jobs import Asset, JobSpec
 from aoprecalc.pipeline.option_tables import COUNTS, Choice, Tables, arguments_of, convert, key_name, make_job_spec
 from aoprecalc.pipeline.state import STATE_FOLDER
@@ -23,7 +34,7 @@ _Patterns = Annotated[tuple[str, ...] | str, Meta(description="a list of pattern
 
 
 class Override(Tables, forbid_unknown_fields=True, kw_only=True):
-    """`[[override]]`: options of the meshes whose path from the manifest matches a pattern; * also matches folders."""
+    """`[[override]]`: options of the meshes that match a pattern, by path or, without a slash, by name."""
 
     match: _Text
 
@@ -73,16 +84,19 @@ class Manifest:
     def assets_of(self, made: Callable[[Path], bool]) -> list[Asset]:
         """Find the meshes, except for those that a batch has made, and return each with its job spec.
 
-        Raises InputError for a pattern that matches nothing, UsageError for options that contradict each other.
+        Raises InputError for inputs that match nothing, UsageError for an override, exclude or single asset that does,
+        and for options that contradict each other.
         """
         root, inputs = self.path.parent, _listed(self.file.inputs)
         found = find_meshes(inputs, made, root) if inputs else []
+        self._refuse_misses([*found, *(Path(path) for path in self._single if os.path.lexists(path))])
+        single_meshes = find_meshes([entry.mesh for entry in self.file.asset], made, root)
         meshes = [
             mesh
             for mesh in found
             if not self._matches_any(mesh, _listed(self.file.exclude)) and os.path.abspath(mesh) not in self._single
         ]
-        meshes += find_meshes([entry.mesh for entry in self.file.asset], made, root)
+        meshes += single_meshes
         if not meshes:
             raise InputError(f"{self.path}: leaves out all meshes that it names; correct exclude")
         names = [
@@ -92,11 +106,26 @@ class Manifest:
         check_distinct(names, meshes)
         return [Asset(name, mesh, self._spec(mesh)) for name, mesh in zip(names, meshes, strict=True)]
 
-    def idle(self, assets: Sequence[Asset]) -> tuple[str, ...]:
-        """Return a warning for each override that matches no asset."""
-        patterns = [entry.match for entry in self.file.override]
-        unused = [pattern for pattern in patterns if not any(self._matches_any(it.mesh, [pattern]) for it in assets)]
-        return tuple(f"{self.path}: the [[override]] of {pattern!r} fits none of its meshes" for pattern in unused)
+    def _refuse_misses(self, meshes: Sequence[Path]) -> None:
+        """Raise UsageError where overrides, exclude or single assets name none of the meshes; it names them all."""
+        paths = [path for mesh in meshes for path in self._paths(mesh)[:1]]
+        choices = with_folders(dict.fromkeys(paths))
+        patterns = [("[[override]] match", entry.match) for entry in self.file.override]
+        patterns += [("exclude", pattern) for pattern in _listed(self.file.exclude)]
+        missed = [
+            f"{where} = {pattern!r} matches none of its meshes{suggest(pattern, choices)}"
+            for where, pattern in patterns
+            if not any(self._matches_any(mesh, [pattern]) for mesh in meshes)
+        ]
+        missed += [
+            f"[[asset]] mesh = {entry.mesh!r} is no file{suggest(entry.mesh, [*beside, *choices])}"
+            for path, entry in self._single.items()
+            if not os.path.lexists(path)
+            for beside in [[path_from(Path(other), self.path.parent) for other in neighbours(path)]]
+        ]
+        if missed:
+            advice = "patterns are relative to the manifest's folder, and match by name if they have no slash"
+            raise UsageError(f"{self.path}: {'; '.join(missed)}; correct this: {advice}")
 
     @cached_property
     def _single(self) -> dict[str, SingleAsset]:
@@ -113,9 +142,32 @@ class Manifest:
         return single
 
     def _matches_any(self, mesh: Path, patterns: Sequence[str]) -> bool:
-        """Tell whether a mesh's path from the manifest matches a pattern, in which * also matches folders."""
-        path = path_from(mesh, self.path.parent)
-        return any(fnmatchcase(path, pattern) for pattern in patterns)
+        """Tell whether a mesh matches a pattern: by its name if the pattern has no slash, else by its path."""
+        wanted = [form for pattern in patterns for form in self._forms(pattern)]
+        return any(path_matches(path, form) for path in self._paths(mesh) for form in wanted)
+
+    @cached_property
+    def _paths(self) -> Callable[[Path], tuple[str, ...]]:
+        """Return the paths of a mesh from the manifest's folder: as it was given, and with links resolved."""
+        return memoize(lambda mesh: self._both(mesh.parent, mesh.name))
+
+    @cached_property
+    def _forms(self) -> Callable[[str], tuple[str, ...]]:
+        """Return a pattern as patterns of both kinds of paths; itself where it has no slash."""
+
+        def forms(pattern: str) -> tuple[str, ...]:
+            if "/" not in pattern:
+                return (pattern,)
+            parts = Path(pattern).parts
+            plain = list(takewhile(lambda part: not is_pattern(part), parts[:-1]))
+            return self._both(self.path.parent.joinpath(*plain), "/".join(parts[len(plain) :]))
+
+        return memoize(forms)
+
+    def _both(self, folder: Path, rest: str) -> tuple[str, ...]:
+        root = self.path.parent
+        real = [Path(os.path.realpath(path)) for path in (folder, root)]
+        return tuple(dict.fromkeys([path_from(folder / rest, root), path_from(real[0] / rest, real[1])]))
 
     def _spec(self, mesh: Path) -> JobSpec:
         """Return the job spec of a mesh: the options of all, changed by the overrides and the asset in their order."""

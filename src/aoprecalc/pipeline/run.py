@@ -120,13 +120,11 @@ class Plan:
 
     assets     with distinct names
     output     the folder for the results
-    warnings   for the user
     manifest   the file that describes the batch; None: none
     """
 
     assets: tuple[Asset, ...]
     output: Path
-    warnings: tuple[str, ...] = ()
     manifest: Path | None = None
 
     def protected_files(self) -> list[Path]:
@@ -159,7 +157,7 @@ def plan_batch(patterns: Sequence[str], output: str | os.PathLike[str] | None, s
     if folder is None:
         raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
     assets = manifest.assets_of(_output_predicate(Path(folder), manifest.base))
-    return Plan(tuple(assets), Path(folder), manifest.idle(assets), manifest.path)
+    return Plan(tuple(assets), Path(folder), manifest.path)
 
 
 def _output_predicate(output: Path, base: Path) -> Callable[[Path], bool]:
@@ -209,8 +207,6 @@ def run_batch(
 
     with ResultStore(plan.output, None if cache is None else Cache(Path(cache)), options, progress) as store:
         progress.begin(len(plan.assets))
-        for line in plan.warnings:
-            progress.warn(line)
         try:
             pending = []
             for asset in plan.assets:
