@@ -59,3 +59,4 @@ copybutton_only_copy_prompt_lines = False
 linkcheck_timeout = 20
 linkcheck_retries = 2
 linkcheck_anchors = False
+linkcheck_ignore = [r"http://localhost"]
