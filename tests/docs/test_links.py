@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from docs.pages import ROOT
+from docs.pages import ROOT, pages
 
 PAGES = sorted(path.name for path in ROOT.glob("*.md"))
 LINK = re.compile(r"\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"")
@@ -27,3 +27,10 @@ def test_relative_links_lead_to_files_and_headings(page):
         assert file.exists(), f"{page}: there is no {target}"
         if anchor:
             assert anchor in anchors(file.read_text(encoding="utf-8")), f"{page}: {target} has no heading #{anchor}"
+
+
+@pytest.mark.parametrize("page", pages())
+def test_links_to_the_repository_lead_to_files(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for path in re.findall(r"https://github\.com/aoprecalc/aoprecalc/(?:blob|tree)/main/([\w./-]+\w)", text):
+        assert (ROOT / path).exists(), f"{page}: there is no {path}"
