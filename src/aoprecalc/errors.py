@@ -5,6 +5,7 @@ A message is one line: what was found, what was expected, what to do.
 
 import re
 from collections.abc import Callable
+from typing import SupportsIndex
 
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 
@@ -14,7 +15,7 @@ def option_name(argument: str) -> str:
     return f"--{argument.replace('_', '-')}"
 
 
-def counted(count: int, noun: str, plural: str = "") -> str:
+def counted(count: SupportsIndex, noun: str, plural: str = "") -> str:
     """Return a number with its noun: 1 mesh, 2 meshes.
 
     plural   of the noun; empty: with an s
@@ -22,7 +23,7 @@ def counted(count: int, noun: str, plural: str = "") -> str:
     return f"{count} {one_or_many(count, noun, plural or f'{noun}s')}"
 
 
-def one_or_many(count: int, one: str, many: str) -> str:
+def one_or_many(count: SupportsIndex, one: str, many: str) -> str:
     """Return the word that agrees with a number, such as is or are."""
     return one if count == 1 else many
 

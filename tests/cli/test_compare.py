@@ -220,7 +220,7 @@ def test_warnings_name_the_file(ring, tmp_path, run):
     (tmp_path / "ring.obj").write_text((ring / "plain.obj").read_text() + "f 1 2\n")
     done = run(tmp_path, "compare", ring / "plain.obj", "ring.obj")
     assert done.returncode == 0
-    assert done.stderr == "warning: ring.obj: 1 faces of fewer than 3 corners are skipped\n"
+    assert done.stderr == "warning: ring.obj: 1 face of fewer than 3 corners is skipped\n"
     assert run(tmp_path, "compare", ring / "plain.obj", "ring.obj", "-q").stderr == done.stderr
 
 

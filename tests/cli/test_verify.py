@@ -138,7 +138,7 @@ def test_faces_without_a_place_are_left_out_and_said(ring, tmp_path):
     (tmp_path / "ring.obj").write_text(text + "v 9 0 0\nv 9 1 0\nv 9 0 1\nf -3/1/1 -2/1/1 -1/1/1\n")
     report = verify(tmp_path / "ring.obj", ring / "obj" / "plain_ao.png")
     assert report["texture"]["triangles"] == report["input"]["triangles"] - 1
-    assert "1 of 577 faces have no UVs in the texture" in report["warnings"][0]
+    assert "1 of 577 faces has no UVs in the texture and is left out" in report["warnings"][0]
 
 
 def test_repeating_uvs_read_a_repeating_picture(ring, tmp_path):

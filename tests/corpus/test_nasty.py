@@ -36,7 +36,7 @@ KNOWN = {
     "nasty/malformed.obj": "refers to v 12, but there are 8",
     "nasty/negative_indices.obj": (8, 12),
     "nasty/soup.stl": (None, 100),
-    "nasty/zero_area_face.obj": "none of its 1 faces has any area",
+    "nasty/zero_area_face.obj": "none of 1 face has any area",
 }
 
 

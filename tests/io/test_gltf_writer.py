@@ -89,7 +89,7 @@ def test_normals_that_were_of_no_use_are_replaced(gltf_cube, bake, cube):
     primitive["attributes"]["NORMAL"] = maker.accessor(broken)
     maker.node(mesh=maker.mesh(primitive))
     scene = maker.load()
-    assert "1 of 36 corners have no usable normal" in scene.notes[0]
+    assert "no usable normal at 1 of 36 corners" in scene.notes[0]
     path, *_ = bake(scene, "cube_ao.glb", "keep", scene.normals)
     back = load_scene(path)
     assert back.warnings == back.notes == ()

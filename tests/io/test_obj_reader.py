@@ -56,7 +56,7 @@ def test_normals_of_a_part_only_are_not_used(save):
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\ng a\nf 1//1 2//1 3//1\ng b\nf 3 2 1\n"
     scene = load_scene(save("a.obj", text))
     assert scene.normals is None
-    assert "1 of 2 parts have no normals" in scene.warnings[0]
+    assert "1 of 2 parts has no normals" in scene.warnings[0]
 
 
 def test_odd_writing(save):
@@ -64,7 +64,7 @@ def test_odd_writing(save):
     scene = load_scene(save("a.OBJ", text))
     assert len(scene.positions) == 3
     assert len(scene.faces) == 1
-    assert scene.warnings == ("1 faces of fewer than 3 corners are skipped",)
+    assert scene.warnings == ("1 face of fewer than 3 corners is skipped",)
 
 
 def test_faces_without_area_stay_and_are_counted(save):
@@ -85,10 +85,10 @@ def test_faces_without_area_stay_and_are_counted(save):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 c\n", "a face is '1 2 c'"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/2/3/4 2 3\n", "a face is '1/2/3/4 2 3'"),
         ("v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "not finite"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3\n", "not finite numbers of a usable size"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3\n", "not finite or of no usable size"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "3 points but no faces"),
         ("hello\n", "no faces"),
-        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "none of its 1 faces has any area"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "none of 1 face has any area"),
         ("v 0 0 0\nv 1e-80 0 0\nv 0 1e-80 0\nf 1 2 3\n", "is 1e-80 units across"),
     ],
 )

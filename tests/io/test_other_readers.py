@@ -109,7 +109,7 @@ def test_stl_with_bytes_after_its_last_face(cube, save):
     data = trimesh.Trimesh(points, triangles, process=False).export(file_type="stl")
     scene = load_scene(save("a.stl", data + b"tail"))
     assert len(scene.faces) == 12
-    assert scene.warnings == ("4 bytes after the last face are ignored",)
+    assert scene.warnings == ("after the last face 4 bytes ignored",)
 
 
 def test_stl_solids_become_parts(save):
@@ -177,8 +177,8 @@ QUADS = (
         ("a.stl", STL, "3 faces in 234 bytes were expected"),
         ("a.stl", "solid x\nendsolid x\n", "no faces"),
         ("a.stl", "solid x\nvertex 0 0 0\nvertex 1 0\nvertex 0 1 0\n", "a vertex is '1 0'"),
-        ("a.stl", "solid x\nfacet\nvertex 0 0 0\nvertex 1 0 0\n", "2 vertices, three for each of 1 facets"),
-        ("a.stl", SOLID.replace("endfacet\n", "vertex 1 1 0\nendfacet\n"), "4 vertices, three for each of 1 facets"),
+        ("a.stl", "solid x\nfacet\nvertex 0 0 0\nvertex 1 0 0\n", "2 vertices, three for each of 1 facet"),
+        ("a.stl", SOLID.replace("endfacet\n", "vertex 1 1 0\nendfacet\n"), "4 vertices, three for each of 1 facet"),
         ("a.stl", SOLID.replace("vertex 1 0 0", "vertex 1 one 0"), "could not be read to its end"),
         ("a.stl", SOLID.replace("vertex 1 0 0", "vertex nan 0 0"), "not finite"),
         ("a.stl", SOLID + SOLID.replace("endsolid x\n", ""), "only 3 of its 6 vertices"),

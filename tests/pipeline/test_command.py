@@ -156,7 +156,7 @@ USAGE = {
     "an option of none": (["in", "-o", "out", "--sise", "64"], 2, "No such option"),
     "a wrong option inside": (["in", "-o", "out", "--bake", "--sise 64"], 2, "--bake is '--sise 64': No such option"),
     "a wrong value inside": (["in", "-o", "out", "--bake", "-n 0"], 2, "--bake is '-n 0': Invalid value"),
-    "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--bake has --output, which batch"),
+    "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--output is 'x.png'; for the results of"),
     "a mesh inside": (["in", "-o", "out", "--spheres", "a.obj"], 2, "--spheres is 'a.obj': Got unexpected extra"),
     "a quotation without an end": (["in", "-o", "out", "--bake", "--only 'a"], 2, "a quotation in it has no end"),
     "help inside": (["in", "-o", "out", "--bake", "--help"], 2, "--bake is '--help'"),
@@ -212,7 +212,7 @@ def test_fail_fast_stops(here, pool, command):
     report = json.loads(done.stdout)
     assert (report["counts"]["failed"], report["counts"]["stopped"]) == (1, 1)
     assert len(pool.jobs) == 1
-    assert error_of(done).startswith("error: 1 of 2 assets failed, 1 were not finished; ")
+    assert error_of(done).startswith("error: 1 of 2 assets failed, 1 was not finished; ")
     assert ElementTree.parse(here / "junit.xml").getroot().get("skipped") == "1"
     kept_going = command("batch", "in", "-o", "out", *SMALL_SPHERES, "--keep-going", "--json")
     assert json.loads(kept_going.stdout)["counts"]["failed"] == 2

@@ -4,7 +4,7 @@ import pytest
 
 from shapes import box
 
-LOST = "1 faces of fewer than 3 corners are skipped"
+LOST = "1 face of fewer than 3 corners is skipped"
 SMALL = ("--size", "32", "-n", "64", "--padding", "1")
 
 

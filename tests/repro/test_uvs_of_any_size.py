@@ -21,7 +21,7 @@ def test_uvs_beyond_use_count_as_missing(tmp_path, far):
     path = tmp_path / "far.obj"
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 {far}\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
     scene = load_scene(path)
-    assert "1 of 1 faces lack usable UVs" in scene.warnings
+    assert "1 of 1 face lacks usable UVs" in scene.warnings
     assert np.abs(scene.uvs).max() <= 1
 
 

@@ -88,5 +88,5 @@ def test_too_few_distinct_points_are_refused(scene_of):
     speck = [[0, 0, 0], [1e-13, 0, 0], [0, 1e-13, 0], [1, 0, 0]]
     scene = scene_of(speck, [[0, 1, 2], [0, 3, 3]])
     assert len(samples(scene, 10_000, distinct=1)) == 10_000
-    with pytest.raises(InputError, match="10000 samples fall on 1 distinct points, fewer than the 2 spheres"):
+    with pytest.raises(InputError, match="10000 samples on 1 distinct point, fewer than the 2 spheres"):
         samples(scene, 10_000, distinct=2)

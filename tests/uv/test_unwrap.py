@@ -70,7 +70,7 @@ def test_faces_without_area_have_no_place():
     made = scene(positions, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]]))
     atlas = unwrap(made, "xatlas", SIZE, 4)
     assert atlas.mapped.tolist() == [True] * len(faces) + [False] * 2
-    with pytest.raises(InputError, match="none of its 1 faces has area"):
+    with pytest.raises(InputError, match="none of 1 face has area"):
         unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", SIZE, 4)
 
 

@@ -17,7 +17,7 @@ from aoprecalc.api.reports import (
     Unwrapping,
     UvSetCheck,
 )
-from aoprecalc.errors import InputError, UsageError
+from aoprecalc.errors import InputError, UsageError, counted, one_or_many
 from aoprecalc.mesh.normals import area_vectors, default_crease_angle, geometric_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles, up_axis
 from aoprecalc.mesh.topology import topology
@@ -91,7 +91,8 @@ def bake_scene(
         backend.check_errors()
     if not any(side.measured.any() for side in sides):
         raise UsageError(
-            f"{len(texels)} texels are covered but face none of {2 * len(setup.axes)} directions; use more --directions"
+            f"{counted(len(texels), 'texel')} covered, but facing none of {2 * len(setup.axes)} directions; "
+            "use more --directions"
         )
     with timer.stage("finish"):
         resolved_sides = [
@@ -142,11 +143,11 @@ def _gather_side(
 
 
 def _describe_uvs(atlas: Atlas, padding: int) -> str:
-    charts = f"{atlas.charts} chart{'s' if atlas.charts > 1 else ''}"
+    charts = counted(atlas.charts, "chart")
     if atlas.method == "keep":
         return f"unwrap: the file's own UVs, {charts}"
     last_safe = first_unsafe_mip(atlas.gutter or 0, padding) - 1
-    gutters = f"gutters of {atlas.gutter} texels: no charts mix up to mip level {last_safe}"
+    gutters = f"gutters of {counted(atlas.gutter or 0, 'texel')}: no charts mix up to mip level {last_safe}"
     return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"
 
 
@@ -164,15 +165,16 @@ def _messages(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
         lines.append(f"{overlap:.1%} of texels lie inside two faces of the new UVs and have the value of one of them")
     left_out = np.count_nonzero(needs_uvs(scene) & ~atlas.mapped)
     if left_out:
-        lines.append(f"{atlas.method} gave {left_out} of {len(scene.faces)} faces no UVs; they have no texels")
+        without = one_or_many(left_out, "it has no texels", "they have no texels")
+        lines.append(f"{atlas.method} gave {left_out} of {counted(len(scene.faces), 'face')} no UVs; {without}")
     if (
         atlas.gutter is not None
         and atlas.gutter < options.padding
         and first_unsafe_mip(atlas.gutter, options.padding) == 1
     ):
         lines.append(
-            f"{atlas.charts} charts leave room for gutters of {atlas.gutter} texels only: charts may mix from mip "
-            "level 1 on. Use a larger --size for wider gutters."
+            f"{counted(atlas.charts, 'chart')}, and room for gutters of {counted(atlas.gutter, 'texel')} only: charts "
+            "may mix from mip level 1 on. Use a larger --size for wider gutters."
         )
     return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options)]
 
@@ -190,7 +192,7 @@ def _notes_on_materials(scene: Scene) -> list[Note]:
 
 def _list(parts: list[str]) -> str:
     names = _shorten([repr(name) for name in parts])
-    return f"{len(parts)} part{'s' if len(parts) > 1 else ''} ({names}) {'are' if len(parts) > 1 else 'is'}"
+    return f"{counted(len(parts), 'part')} ({names}) {one_or_many(len(parts), 'is', 'are')}"
 
 
 def _shorten(names: list[str]) -> str:

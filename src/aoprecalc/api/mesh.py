@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Union
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aoprecalc.errors import AoprecalcError, ArgumentError
+from aoprecalc.errors import AoprecalcError, ArgumentError, counted
 from aoprecalc.io import load_scene, scene_from_arrays, texture_values
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.options import ValueOptions
@@ -128,7 +128,7 @@ class Mesh:
 
     def __repr__(self) -> str:
         """Name and size."""
-        return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
+        return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {counted(len(self.faces), 'face')})"
 
     @classmethod
     def from_trimesh(cls, mesh: "Trimesh", *, normals: bool = False, name: str = "mesh") -> "Mesh":

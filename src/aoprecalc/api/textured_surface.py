@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import InputError, option_name
+from aoprecalc.errors import InputError, counted, one_or_many, option_name
 from aoprecalc.io import OcclusionTexture
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.roles import assign_roles, names_a_part
@@ -99,14 +99,16 @@ def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, tuple[str, .
     mapped = picture.shown & scene.receives & has_area & has_uvs
     if not mapped.any():
         raise InputError(
-            f"{scene.path}: none of its {len(scene.faces)} faces has area and UVs in {picture.name}; "
+            f"{scene.path}: none of {counted(len(scene.faces), 'face')} has area and UVs in {picture.name}; "
             "bake it, or export it with UVs"
         )
-    wanted, faces = scene.receives & has_area, len(scene.faces)
+    wanted, faces = scene.receives & has_area, counted(len(scene.faces), "face")
     warnings = list[str]()
     if (elsewhere := np.count_nonzero(wanted & ~picture.shown)) > 0:
         found = f"other textures ({', '.join(picture.others)})" if picture.others else "no such texture"
-        warnings.append(f"{elsewhere} of {faces} faces are left out: their materials have {found}")
+        left_out = one_or_many(elsewhere, "is left out: its material has", "are left out: their materials have")
+        warnings.append(f"{elsewhere} of {faces} {left_out} {found}")
     if (without := np.count_nonzero(wanted & picture.shown & ~has_uvs)) > 0:
-        warnings.append(f"{without} of {faces} faces have no UVs in the texture and are left out")
+        have, are = one_or_many(without, "has", "have"), one_or_many(without, "is", "are")
+        warnings.append(f"{without} of {faces} {have} no UVs in the texture and {are} left out")
     return atlas_from_uvs(scene, picture.uvs, mapped), tuple(warnings)

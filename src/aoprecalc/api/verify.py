@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
 from aoprecalc.api.textured_surface import TexturedSurface
-from aoprecalc.errors import ArgumentError
+from aoprecalc.errors import ArgumentError, counted, one_or_many
 from aoprecalc.io import (
     OcclusionTexture,
     Outputs,
@@ -283,7 +283,8 @@ def warn_of_shared_uvs(scene: Scene) -> tuple[str, ...]:
     sharing = sum(part.receives and part.instance_of is not None for part in scene.parts)
     if not sharing:
         return ()
-    return (f"{sharing} parts share their UVs with others: differences in occlusion between them count as error",)
+    share = f"{counted(sharing, 'part')} {one_or_many(sharing, 'shares its', 'share their')} UVs with others"
+    return (f"{share}: differences in occlusion between them count as error",)
 
 
 def _warn_of_rays(options: VerifyOptions) -> list[str]:

@@ -9,9 +9,9 @@ from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
 from aoprecalc.cli.console import annotate
-from aoprecalc.cli.options import DEFAULT_CACHE, FILE, Command, option, options_of, output_options, take
+from aoprecalc.cli.options import DEFAULT_CACHE, FILE, Command, explained, option, options_of, output_options, take
 from aoprecalc.cli.spheres import spheres as spheres_command
-from aoprecalc.errors import AnswerError, StoppedError, UsageError
+from aoprecalc.errors import AnswerError, StoppedError, UsageError, counted, one_or_many
 from aoprecalc.options import BatchOptions
 
 if TYPE_CHECKING:
@@ -131,7 +131,8 @@ def batch(
     counts = result.report.counts
     if result.interrupted:
         done = len(result.results) - counts.failed - counts.stopped
-        raise StoppedError(f"interrupted; {done} of {len(result.results)} assets are there, the same command goes on")
+        found = f"{done} of {counted(len(result.results), 'asset')} {one_or_many(done, 'is', 'are')} there"
+        raise StoppedError(f"interrupted; {found}, the same command goes on")
     if not result.passed:
         raise AnswerError(_failure_message(result, planned.output))
 
@@ -140,7 +141,7 @@ def _failure_message(result: "BatchResult", folder: Path) -> str:
     counts, total = result.report.counts, len(result.results)
     found = f"{counts.failed} of {total} assets failed" if total > 1 else "the asset failed"
     if counts.stopped:
-        found += f", {counts.stopped} were not finished"
+        found += f", {counts.stopped} {one_or_many(counts.stopped, 'was', 'were')} not finished"
     if total > counts.failed + counts.stopped:
         found += f", the others are in {folder}"
     return f"{found}; correct what failed and run the same command again"
@@ -167,9 +168,7 @@ def _parse_options(command: click.Command, name: str, texts: tuple[str, ...]) ->
     except ValueError as error:
         raise UsageError(f"{name} is {text!r}; a quotation in it has no end ({error})") from error
     except (click.UsageError, click.exceptions.Exit) as error:
-        reason = (
-            error.format_message().rstrip(".") if isinstance(error, click.UsageError) else "--help is no option here"
-        )
+        reason = explained(error) if isinstance(error, click.UsageError) else "--help is no option here"
         raise UsageError(f"{name} is {text!r}: {reason}; see `aoprecalc {command.name} --help`") from error
     given = {key for key in context.params if context.get_parameter_source(key) is ParameterSource.COMMANDLINE}
     for own in sorted(given & _SET_BY_BATCH):

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from aoprecalc.errors import counted
 from aoprecalc.pipeline import AssetResult, BatchProgress, BatchResult
 from aoprecalc.pipeline.jobs import Asset
 
@@ -109,7 +110,7 @@ def table(result: BatchResult) -> list[str]:
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
     return [
         *map(_printable, lines),
-        f"{total} asset{'s' if total != 1 else ''}: {words}; {result.report.seconds:.1f} s",
+        f"{counted(total, 'asset')}: {words}; {result.report.seconds:.1f} s",
     ]
 
 
@@ -125,11 +126,11 @@ def _summary(result: AssetResult) -> str:
     summary, parts = result.summary or {}, []
     if "ao_mean" in summary:
         width, height = summary["size"]
-        parts.append(f"{summary['triangles']} triangles, {width} x {height}, mean {summary['ao_mean']:.3f}")
+        parts.append(f"{counted(summary['triangles'], 'triangle')}, {width} x {height}, mean {summary['ao_mean']:.3f}")
     if summary.get("rmse") is not None:
         parts.append(f"RMS error {summary['rmse']:.4f}")
     if "spheres" in summary:
-        parts.append(f"{summary['spheres']} spheres, silhouette IoU {summary['silhouette_iou']:.3f}")
+        parts.append(f"{counted(summary['spheres'], 'sphere')}, silhouette IoU {summary['silhouette_iou']:.3f}")
     if warnings := len(summary.get("warnings", ())):
-        parts.append(f"{warnings} warning{'s' if warnings > 1 else ''}")
+        parts.append(counted(warnings, "warning"))
     return ", ".join(parts)

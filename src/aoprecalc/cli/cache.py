@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import UsageError, counted
 from aoprecalc.options.fields import AGE, BYTES, format_bytes
 
 if TYPE_CHECKING:
@@ -77,5 +77,4 @@ def _print(report: "CacheReport", as_json: bool) -> None:
         return
     for verb, usage in (("holds", report.holds), ("removed", report.removed)):
         if usage is not None:
-            results = f"{usage.entries} result{'s' if usage.entries != 1 else ''}"
-            click.echo(f"{report.folder}  {verb} {results}, {format_bytes(usage.bytes)}")
+            click.echo(f"{report.folder}  {verb} {counted(usage.entries, 'result')}, {format_bytes(usage.bytes)}")

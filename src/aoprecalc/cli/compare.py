@@ -6,7 +6,7 @@ import click
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
-from aoprecalc.errors import AnswerError
+from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import CompareOptions
 
 if TYPE_CHECKING:
@@ -81,11 +81,11 @@ def _table(report: "CompareReport") -> list[str]:
     if "triangles" in details:
         parts = [(name, details[name]) for name in ("position", "uv", "normal")]
         distances = ", ".join(f"{name} {value:.6f}" for name, value in parts if value is not None)
-        lines.append(f"{details['triangles']} triangles: {distances}")
+        lines.append(f"{counted(details['triangles'], 'triangle')}: {distances}")
     pixels = details if report.kind == "texture" else details.get("texture")
     if pixels:
         size = f"{pixels['width']} x {pixels['height']}"
-        places = {"surface": "surface, {texels} texels", "picture": f"whole picture, {size}"}
+        places = {"surface": "surface, texels: {texels}", "picture": f"whole picture, {size}"}
         lines += [
             f"{place.format(**found)}: root mean square {found['rms']:.6f}, mean {found['bias']:+.6f}, "
             f"greatest {found['max']:.4f}, {found['share']:.2%} beyond 2/255, FLIP {found['flip']:.4f}"
@@ -93,9 +93,10 @@ def _table(report: "CompareReport") -> list[str]:
             if (found := pixels[name])
         ]
     if "center" in details:
-        count = ", ".join(map(str, details["spheres"]))
-        lines.append(f"{count} spheres: centre {details['center']:.6f}, radius {details['radius']:.6f}")
+        *coarser, finest = details["spheres"]
+        count = ", ".join([*map(str, coarser), counted(finest, "sphere")])
+        lines.append(f"{count}: centre {details['center']:.6f}, radius {details['radius']:.6f}")
     if "places" in details:
-        lines.append(f"{details['numbers']} numbers, {details['differing']} differences")
+        lines.append(f"{counted(details['numbers'], 'number')}, {counted(details['differing'], 'difference')}")
         lines += [f"  {entry['at']}: {entry['a']!r} became {entry['b']!r}" for entry in details["places"]]
     return lines

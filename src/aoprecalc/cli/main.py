@@ -17,11 +17,13 @@ from aoprecalc.cli.compare import compare
 from aoprecalc.cli.completion import VARIABLE, completion
 from aoprecalc.cli.console import annotate, without_controls
 from aoprecalc.cli.doctor import doctor
+from aoprecalc.cli.options import explained
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AnswerError, AoprecalcError, option_name
 
 EPILOG = (
+    "Of an option that is given twice the last one counts, unless its text says that it may be repeated. "
     "Exit codes: 0 done; 1 the work failed, verify or compare did not pass, or a mesh of a batch failed; "
     "2 wrong usage; 3 no renderer works; 4 the input mesh is unusable. "
     "A command that fails leaves no file behind; a verify or compare that does not pass keeps its report and pictures."
@@ -111,6 +113,6 @@ def _fail(message: str, code: int, error: BaseException) -> None:
 
 def _usage_line(error: click.ClickException) -> str:
     """Return a message of click with a pointer to the command's help."""
-    message = error.format_message().rstrip(".")
+    message = explained(error)
     context = getattr(error, "ctx", None)
     return f"{message}; see `{context.command_path} --help`" if context else message

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from difflib import SequenceMatcher
 from typing import Any, Literal, TypeVar
 
 import click
@@ -61,6 +62,25 @@ class CliOption(click.Option):
             return record
         text, _, bounds = record[1].partition("  [")
         return record[0], f"{text}  [default: {self.shown}" + (f"; {bounds}" if bounds else "]")
+
+
+_NEAR = 0.75  # likeness from which a name counts as misspelt: 0.83 for --unwarp, 0.67 for --samples and --sampling
+
+
+def explained(error: click.ClickException) -> str:
+    """Return the message of an error of click; an unknown name comes with the one that it is near to, if there is one.
+
+    click itself suggests names of little likeness, and several of them.
+    """
+    if not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
+        return error.format_message().rstrip(".")
+    wrong = error.option_name if isinstance(error, click.NoSuchOption) else error.command_name
+    likeness = {
+        name: SequenceMatcher(None, wrong.strip("-"), name.strip("-")).ratio() for name in error.possibilities or ()
+    }
+    nearest = max(likeness, key=lambda name: likeness[name], default="")
+    hint = f" (did you mean {nearest!r}?)" if nearest and likeness[nearest] >= _NEAR else ""
+    return f"{error.message.rstrip('.')}{hint}"
 
 
 class Command(click.Command):

@@ -6,7 +6,7 @@ import click
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
-from aoprecalc.errors import AnswerError
+from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import VerifyOptions
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _table(report: "VerifyReport") -> list[str]:
     names = ("rmse", "bias", "p50", "p95", "p99", "max")
     lines = [
         f"{report.texture.path} on {report.input.path}: texture minus reference "
-        f"at {report.points} points of {report.rays} rays",
+        f"at {counted(report.points, 'point')} of {report.rays} rays",
         f"level{''.join(f'{name:>9}' for name in names)}",
     ]
     for level in report.levels:

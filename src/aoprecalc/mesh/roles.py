@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Literal
 
-from aoprecalc.errors import ArgumentError, InputError, UsageError
+from aoprecalc.errors import ArgumentError, InputError, UsageError, counted
 from aoprecalc.options import LightOptions
 from aoprecalc.types import Part, Scene
 
@@ -78,7 +78,7 @@ def _require_known(parts: Sequence[Part], argument: str, patterns: Collection[st
         if not names_a_part(parts, pattern):
             names = sorted({name for part in parts for name in (part.name, *part.names)})
             shown = get_close_matches(pattern, names, _MAX_NAMES) or names[:_MAX_NAMES]
-            more = f" or {len(names) - len(shown)} others" if len(names) > len(shown) else ""
+            more = f" or {counted(len(names) - len(shown), 'other')}" if len(names) > len(shown) else ""
             expected = ", ".join(map(repr, shown)) + more
             raise ArgumentError(
                 argument, f"has {pattern!r}, which is the name of no part; expected one such as {expected}"

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from aoprecalc.errors import counted, one_or_many
 from aoprecalc.metrics.flip import flip
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
@@ -277,7 +278,7 @@ def document_difference(first: Any, second: Any) -> Difference:
         "places": places[:_MAX_LISTED],
     }
     if others:
-        count = "1 place differs" if len(others) == 1 else f"{len(others)} places differ"
+        count = f"{counted(len(others), 'place')} {one_or_many(len(others), 'differs', 'differ')}"
         return incomparable(f"{count} in more than a number, the first at {others[0]}", None, **details)
     return Difference(value, equal=not places, details=details)
 
@@ -322,7 +323,7 @@ def _leaf_summary(value: Any) -> Any:
     if value is _MISSING:
         return None
     if isinstance(value, dict | list):
-        return f"{len(value)} {'keys' if isinstance(value, dict) else 'values'}"
+        return counted(len(value), "key" if isinstance(value, dict) else "value")
     if isinstance(value, str):
         return value if len(value) <= 80 else f"{value[:77]}..."
     return value

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError
+from aoprecalc.errors import AoprecalcError, counted
 from aoprecalc.options import Method, SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres.algebraic import fit_algebraic
@@ -60,7 +60,7 @@ def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> 
     for level in reversed(levels):
         if not level.converged:
             progress.warn(
-                f"{scene.path}: samples still change spheres after {level.iterations} iterations; "
+                f"{scene.path}: samples still change spheres after {counted(level.iterations, 'iteration')}; "
                 "raise --max-iterations"
             )
     with progress.stage("quality"):

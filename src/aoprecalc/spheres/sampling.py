@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, counted
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.sampling import fold_to_triangle, pick_faces
 from aoprecalc.types import Float64Array, Scene
@@ -83,8 +83,8 @@ def sample_points(
     points = round_to_grid(points)
     if (distinct := _count_distinct(points, min_distinct)) < min_distinct:
         raise InputError(
-            f"{scene.path}: the {count} samples fall on {distinct} distinct points, fewer than the {min_distinct} "
-            "spheres that start there; ask for fewer spheres or more samples"
+            f"{scene.path}: {counted(count, 'sample')} on {counted(distinct, 'distinct point')}, fewer than the "
+            f"{min_distinct} spheres that start there; ask for fewer spheres or more samples"
         )
     return points
 
@@ -117,7 +117,7 @@ def _faces_with_areas(scene: Scene, frame: NormalizedFrame) -> tuple[Float64Arra
     cumulative_areas = np.cumsum(_doubled_areas(corners, scene, frame))
     if cumulative_areas[-1] == 0:
         raise InputError(
-            f"{scene.path}: the surface has no area (all {len(corners)} faces are points or lines), "
+            f"{scene.path}: the surface has no area ({counted(len(corners), 'face')}, all points or lines), "
             "but spheres are fitted to points on it; repair the mesh"
         )
     return corners, cumulative_areas

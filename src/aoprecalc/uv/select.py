@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, option_name
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, one_or_many, option_name
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
@@ -92,7 +92,8 @@ def check_uvs(
     flat = int(np.count_nonzero(mapped & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
     tiles = int(np.ceil(uvs[mapped].max(axis=1) - np.floor(uvs[mapped].min(axis=1))).max())
     if flat:
-        return UvCheck(uv_set, flat, tiles, None, f"{flat} faces with area have no area in UV space"), None
+        fault = f"{counted(flat, 'face')} with area {one_or_many(flat, 'has', 'have')} no area in UV space"
+        return UvCheck(uv_set, flat, tiles, None, fault), None
     if tiles > MAX_TILES:
         fault = f"a face lies on {tiles} repeats of the texture; at most {MAX_TILES} may be"
         return UvCheck(uv_set, flat, tiles, None, fault), None

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.topology import boundary_edges
 from aoprecalc.subprocesses import ChildKilledError, ChildTimeoutError, StepCallback, ask, command
@@ -50,8 +50,8 @@ def unwrap(
         uvs, placed, charts, gutter = _run(method, positions, faces, size, padding, timeout, on_step)
     except ChildTimeoutError as error:
         raise AoprecalcError(
-            f"{method} has not unwrapped {len(faces)} faces within {timeout:g} s (--unwrap-timeout), it is at: "
-            f"{error.step}; allow more time or {_IF_SLOW[method]}"
+            f"{method} has not unwrapped {counted(len(faces), 'face')} within {timeout:g} s (--unwrap-timeout), "
+            f"it is at: {error.step}; allow more time or {_IF_SLOW[method]}"
         ) from error
     all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
     all_uvs[mapped] = uvs
@@ -68,7 +68,7 @@ def needs_uvs(scene: Scene) -> BoolArray:
     with_area: BoolArray = baked & face_normals(scene.corners)[1]
     if not with_area.any():
         raise InputError(
-            f"{scene.path}: none of its {np.count_nonzero(baked)} faces has area; expected a surface to bake"
+            f"{scene.path}: none of {counted(np.count_nonzero(baked), 'face')} has area; expected a surface to bake"
         )
     return with_area
 
@@ -88,7 +88,7 @@ def _run(
     try:
         answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), on_step, timeout=timeout)))
     except ChildProcessError as error:
-        message = f"{method} could not unwrap {len(faces)} faces: {error}; or try --unwrap {_OTHER[method]}"
+        message = f"{method} could not unwrap {counted(len(faces), 'face')}: {error}; or try --unwrap {_OTHER[method]}"
         raise (KilledError if isinstance(error, ChildKilledError) else AoprecalcError)(message) from error
     return answer["uvs"].astype(np.float64), answer["placed"], int(answer["charts"]), int(answer["gutter"])
 

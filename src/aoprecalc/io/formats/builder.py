@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.mesh.normals import face_normals, normalize
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note, notes_of, warnings_of
@@ -93,7 +93,7 @@ def build_scene(
     pieces_with_faces = [piece for piece in pieces if len(piece.vertices)]
     if not pieces_with_faces:
         points = sum(len(array) for array in {id(piece.positions): piece.positions for piece in pieces}.values())
-        found = f"{points} points but no faces" if points else "no faces"
+        found = f"{counted(points, 'point')} but no faces" if points else "no faces"
         raise InputError(f"{label}: {found} found, a surface of triangles was expected; export the model as a mesh")
     for piece in pieces_with_faces:
         check_indices(path, piece.vertices, len(piece.positions))
@@ -104,10 +104,13 @@ def build_scene(
     flat_normals, has_area = face_normals(positions[faces])
     if not has_area.any():
         raise InputError(
-            f"{label}: none of its {len(faces)} faces has any area, a surface was expected; check how it was exported"
+            f"{label}: none of {counted(len(faces), 'face')} has any area, a surface was expected; "
+            "check how it was exported"
         )
     if not has_area.all():
-        messages.append(Note(f"{np.count_nonzero(~has_area)} of {len(faces)} faces have no area and are skipped"))
+        flat = np.count_nonzero(~has_area)
+        skipped = one_or_many(flat, "has no area and is skipped", "have no area and are skipped")
+        messages.append(Note(f"{flat} of {counted(len(faces), 'face')} {skipped}"))
 
     return Scene(
         path=path,
@@ -145,10 +148,11 @@ def _check_positions(label: str, positions: Float64Array) -> None:
                 f"{label}: is {extent:g} units across, at least {_MIN_EXTENT:g} were expected; scale it up"
             )
         return
+    bad = np.count_nonzero(wrong)
     example = ", ".join(f"{number:g}" for number in positions[wrong][0])
     raise InputError(
-        f"{label}: {np.count_nonzero(wrong)} of {len(positions)} positions are not finite numbers of a usable size, "
-        f"such as ({example}); repair or export the model again"
+        f"{label}: {bad} of {counted(len(positions), 'position')} {one_or_many(bad, 'is', 'are')} not finite or of no "
+        f"usable size, such as ({example}); repair or export the model again"
     )
 
 
@@ -161,9 +165,10 @@ def _gather_normals(
         return None
     if len(with_normals) < len(pieces):
         missing = len(pieces) - len(with_normals)
+        without = f"{missing} of {counted(len(pieces), 'part')} {one_or_many(missing, 'has', 'have')} no normals"
         messages.append(
-            f"{missing} of {len(pieces)} parts have no normals, so those of the others are not used either: all are "
-            "computed from the faces; export all parts with normals to keep them"
+            f"{without}, so those of the others are not used either: all are computed from the faces; "
+            "export all parts with normals to keep them"
         )
         return None
 
@@ -176,8 +181,8 @@ def _gather_normals(
     if not usable.all():
         messages.append(
             Note(
-                f"{np.count_nonzero(~usable)} of {usable.size} corners have no usable normal; "
-                "the normal of their face is used there"
+                f"no usable normal at {np.count_nonzero(~usable)} of {usable.size} corners; "
+                "the normal of the face is used there"
             )
         )
         normals = np.where(usable[:, :, None], normals, face_normals[:, None])
@@ -196,7 +201,9 @@ def _gather_uv_sets(pieces: Sequence[MeshPiece], messages: list[str]) -> tuple[F
         usable = np.asarray((np.abs(uvs) <= _MAX_UV).all(axis=2))  # False for NaN
         incomplete = np.count_nonzero(has_set & ~usable.all(axis=1))
         if incomplete and index == 0:
-            messages.append(f"{incomplete} of {len(uvs)} faces lack usable UVs")
+            messages.append(
+                f"{incomplete} of {counted(len(uvs), 'face')} {one_or_many(incomplete, 'lacks', 'lack')} usable UVs"
+            )
         sets.append(np.where(usable[:, :, None], uvs, 0.0))
     return tuple(sets)
 

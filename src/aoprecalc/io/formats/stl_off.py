@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.errors import counted
 from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
 from aoprecalc.io.formats.polygons import polygon_triangles
@@ -44,8 +45,10 @@ class StlFormat(MeshFormat):
             return build_scene(path, "stl", _read_text(path, StringIO(text, newline=None).read()))
         faces, size = _binary_size(data)
         if len(data) < max(size, _HEADER_BYTES):
-            raise damaged_file(path, f"{faces} faces in {size} bytes were expected, but it has {len(data)} bytes")
-        messages = [] if len(data) == size else [f"{len(data) - size} bytes after the last face are ignored"]
+            raise damaged_file(
+                path, f"{counted(faces, 'face')} in {size} bytes were expected, but it has {len(data)} bytes"
+            )
+        messages = [] if len(data) == size else [f"after the last face {counted(len(data) - size, 'byte')} ignored"]
         return build_scene(path, "stl", _read_binary(data[:size]), messages=messages)
 
 
@@ -72,7 +75,9 @@ def _read_text(path: Path, text: str) -> list[MeshPiece]:
         raise damaged_file(path, f"a vertex is {wrong[:60]!a}, three numbers were expected")
     facets = len(_FACET.findall(text))
     if len(vertices) != 3 * facets:
-        raise damaged_file(path, f"it has {len(vertices)} vertices, three for each of {facets} facets were expected")
+        raise damaged_file(
+            path, f"it has {len(vertices)} vertices, three for each of {counted(facets, 'facet')} were expected"
+        )
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of words that are no numbers, which are noticed below
@@ -117,8 +122,8 @@ class OffFormat(MeshFormat):
         lines = [line for line in text[header.end() :].splitlines() if line.strip()]
         vertices, faces = int(header[1]), int(header[2])
         if len(lines) < vertices + faces:
-            promised = f"{vertices} vertices and {faces} faces"
-            raise damaged_file(path, f"it promises {promised}, but has {len(lines)} lines for them")
+            promised = f"{counted(vertices, 'vertex', 'vertices')} and {counted(faces, 'face')}"
+            raise damaged_file(path, f"it promises {promised}, but has {counted(len(lines), 'line')} for them")
         try:
             rows = [line.split(None, 3)[:3] for line in lines[:vertices]]
             positions = np.array(rows, dtype=np.float64).reshape(-1, 3)

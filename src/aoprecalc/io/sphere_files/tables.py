@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.ply import ply_header
 from aoprecalc.io.formats.ply_table import read_table
 from aoprecalc.io.sphere_files.json_format import read_file
@@ -43,7 +43,7 @@ def read_csv(path: Path) -> tuple[Float64Array, Float64Array]:
         for row in table:
             if row and len(row) != len(HEADER):
                 raise InputError(
-                    f"{path}:{table.line_num}: has {len(row)} values, expected {len(HEADER)}; mend the file"
+                    f"{path}:{table.line_num}: has {counted(len(row), 'value')}, expected {len(HEADER)}; mend the file"
                 )
             if row:
                 rows.append([float(value) for value in row])

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
@@ -88,10 +89,12 @@ def _messages(
     if more_meshes:
         shared = any(part.uv_owner is not None for part in scene.parts)
         hint = "" if shared else " (--instances share keeps them together)"
-        messages.append(Note(f"{more_meshes} instances became separate meshes{hint}"))
+        became = one_or_many(more_meshes, "became a mesh of its own", "became separate meshes")
+        messages.append(Note(f"{counted(more_meshes, 'instance')} {became}{hint}"))
     beyond = sum(number >= _PORTABLE_UV_SETS for number in texcoords.values())
     if beyond:
-        messages.append(f"{beyond} primitives use TEXCOORD_2 or beyond, which not every viewer supports")
+        use = f"{counted(beyond, 'primitive')} {one_or_many(beyond, 'uses', 'use')}"
+        messages.append(f"{use} TEXCOORD_2 or beyond, which not every viewer supports")
     unknown = {name for primitive in rewritten for name in primitive.get("extensions", {})} - _VERTEX_INDEPENDENT
     if unknown:
         messages.append(f"primitives have {', '.join(sorted(unknown))}, which may refer to vertices that were replaced")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.errors import counted
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.gltf.compression import decompress
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, parse_gltf, raw_values
@@ -146,7 +147,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
                     pieces.append(_piece(document, own_name, names, shape, matrix, source, material))
     messages: list[str] = [*materials.warnings, *_messages(document.json)]
     if skipped:
-        messages.append(Note(f"{skipped} primitive{'s' if skipped > 1 else ''} of points or lines: not baked"))
+        messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
     return replace(scene, parts=_instances(scene.parts))
 
@@ -208,7 +209,8 @@ def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[f
             difference = float_values(document, target[name])
             if len(difference) != len(values):
                 raise damaged_file(
-                    document.path, f"a morph target has {len(difference)} vertices, {len(values)} were expected"
+                    document.path,
+                    f"a morph target has {counted(len(difference), 'vertex', 'vertices')}, {len(values)} were expected",
                 )
             values = values + weight * difference
     return values

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import PartSource, SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files, read_materials
@@ -84,7 +85,8 @@ def read_obj(path: Path, data: bytes) -> Scene:
     polygons = Polygons(counts, triangles, owners)
     warnings = []
     if too_small := int(np.count_nonzero(counts < 3)):
-        warnings.append(f"{too_small} faces of fewer than 3 corners are skipped")
+        skipped = one_or_many(too_small, "is skipped", "are skipped")
+        warnings.append(f"{counted(too_small, 'face')} of fewer than 3 corners {skipped}")
 
     pieces = []
     for section, start, stop in _sections_with_faces(lines.sections, len(counts)):
