@@ -97,6 +97,147 @@ class SphereMeasurement(Report):
     quality: SphereQuality
 
 
+# Members whose classes are wider, as what is in them depends on the case: what that may be.
+
+_GIVEN = {"given": "sometimes"}  # metadata of a field that the member may lack
+
+
+@dataclass(frozen=True)
+class TexelDifferences(Report):
+    """Differences B - A over some texels.
+
+    texels           how many
+    rms, bias, max   root mean square, mean and greatest
+    share            share of them beyond 2/255
+    flip             mean difference that an eye sees, 0 to 1
+    """
+
+    texels: int
+    rms: float
+    bias: float
+    max: float
+    share: float
+    flip: float
+
+
+@dataclass(frozen=True)
+class TextureDetails(Report):
+    """Two textures of one size.
+
+    channel   the one that differs most, from 0
+    surface   over the texels that the surface covers; None where no mesh is known
+    picture   over all texels
+    """
+
+    width: int
+    height: int
+    channel: int
+    surface: TexelDifferences | None
+    picture: TexelDifferences
+
+
+@dataclass(frozen=True)
+class MeshDetails(Report):
+    """Two meshes of as many triangles.
+
+    position      greatest distance, over the diagonal of the bounding box
+    uv, normal    greatest distance of UVs, and length of the difference of normals; None where there are none
+    texture       None where there is none
+    """
+
+    triangles: int
+    position: float
+    uv: float | None
+    normal: float | None
+    texture: TextureDetails | None
+
+
+@dataclass(frozen=True)
+class SphereDetails(Report):
+    """Two sphere sets of as many spheres.
+
+    spheres          how many in each level
+    center, radius   greatest parts of the difference, over the diagonal
+    """
+
+    spheres: tuple[int, ...]
+    center: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class SphereCounts(Report):
+    """Two sphere sets of different numbers of spheres.
+
+    spheres   how many in each level of A, and of B
+    """
+
+    spheres: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class Place(Report):
+    """A place where two documents differ.
+
+    at     its path
+    a, b   the values; a text for what is long, None for what is missing
+    """
+
+    at: str
+    a: bool | float | str | None
+    b: bool | float | str | None
+
+
+@dataclass(frozen=True)
+class ReportDetails(Report):
+    """Two reports.
+
+    numbers     how many were compared
+    differing   places
+    value       the greatest difference of numbers
+    places      the first ten
+    """
+
+    numbers: int
+    differing: int
+    value: float
+    places: tuple[Place, ...]
+
+
+@dataclass(frozen=True)
+class NoDetails(Report):
+    """Two results that no number can compare."""
+
+
+@dataclass(frozen=True)
+class AssetSummary(Report):
+    """What was made of an asset, as far as it was asked for.
+
+    size       width and height of the texture
+    unwrap     keep, xatlas or uvunwrap
+    rmse       RMS error against ray tracing; None where it was not verified
+    spheres    their number
+    """
+
+    triangles: int = field(metadata=_GIVEN)
+    ao_mean: float = field(metadata=_GIVEN)
+    directions: int = field(metadata=_GIVEN)
+    size: tuple[int, int] = field(metadata=_GIVEN)
+    renderer: str = field(metadata=_GIVEN)
+    unwrap: str = field(metadata=_GIVEN)
+    rmse: float | None = field(metadata=_GIVEN)
+    spheres: int = field(metadata=_GIVEN)
+    silhouette_iou: float = field(metadata=_GIVEN)
+    warnings: tuple[str, ...]
+
+
+CASES: dict[tuple[str, str], tuple[type[Report], ...]] = {
+    ("CompareReport", "details"): (
+        TextureDetails, MeshDetails, SphereDetails, SphereCounts, ReportDetails, NoDetails,
+    ),
+    ("AssetReport", "summary"): (AssetSummary,),
+}  # fmt: skip
+
 DOCUMENTS: dict[str, tuple[type[Report], str]] = {
     "bake": (BakeReport, "Report of aoprecalc bake"),
     "batch": (BatchReport, "Report of aoprecalc batch"),
@@ -124,11 +265,24 @@ def schemas() -> dict[str, str]:
 
 def document_schema(kind: type[Report], title: str) -> Schema:
     """Return the schema of the document of a report class."""
-    schema = msgspec.json.schema(kind)
-    definitions = schema["$defs"]
+    definitions = _definitions(kind)
+    for (owner, member), cases in CASES.items():
+        if owner in definitions:
+            for case in cases:
+                definitions |= _definitions(case)
+            value = definitions[owner]["properties"][member]
+            null = [choice for choice in value.pop("anyOf", []) if choice == {"type": "null"}]
+            value.pop("type", None)
+            value |= {"anyOf": [*({"$ref": f"#/$defs/{case.__name__}"} for case in cases), *null]}
+    return {**definitions.pop(kind.__name__), "title": title, **({"$defs": definitions} if definitions else {})}
+
+
+def _definitions(kind: type[Report]) -> dict[str, Schema]:
+    """Return the schemas of a report class and of those that its fields are made of, by their names."""
+    definitions: dict[str, Schema] = msgspec.json.schema(kind)["$defs"]
     for name, definition in definitions.items():
         _as_written(definition, next(entry for entry in _classes(kind) if entry.__name__ == name))
-    return {**definitions.pop(kind.__name__), "title": title, **({"$defs": definitions} if definitions else {})}
+    return definitions
 
 
 def _as_written(definition: Schema, kind: type) -> None:
@@ -139,7 +293,7 @@ def _as_written(definition: Schema, kind: type) -> None:
         value.pop("default", None)
         if entry.metadata.get("omit_none"):
             value = next(choice for choice in value["anyOf"] if choice != {"type": "null"})
-        else:
+        elif entry.metadata != _GIVEN:
             required.append(name)
         if name == "schema":
             value = {"const": entry.default}
@@ -184,7 +338,7 @@ def _texts(kind: type) -> dict[str, str]:
 def _sentence(text: str) -> str:
     """Return a text of a docstring as one about JSON."""
     text = re.sub(r"\bNone\b", "null", re.sub(r"\bTrue\b", "true", text.replace("``", "")))
-    text = re.sub("^[a-z]+ ", lambda word: word[0].capitalize(), text)
+    text = re.sub(r"^[a-z]+(?=[ .]|$)", lambda word: word[0].capitalize(), text)
     return text if text.endswith(".") else f"{text}."
 
 

@@ -50,6 +50,8 @@ def meaning(value: Schema) -> str:
 
 def table(definition: Schema) -> str:
     """Return the table of an object's keys, in Markdown; neighbours of which the same is said share a row."""
+    if not definition["properties"]:
+        return "It has no keys.\n"
     required, rows = definition.get("required", []), []
     entries = [
         (name, type_text(value) + ("" if name in required else ", may be absent"), meaning(value))

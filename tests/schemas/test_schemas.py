@@ -84,6 +84,23 @@ def test_bake_verify_and_compare(folder, printed):
         assert faults("compare", different) == []
 
 
+def test_compare_says_what_differs(folder, printed):
+    bake = printed("bake", "ring.obj", *BAKE, "--report", "a.json", "--json")
+    (folder / "b.json").write_text(json.dumps(bake | {"directions": None, "sampling": "random"}), encoding="utf-8")
+    (folder / "c.png").write_bytes((folder / "ring_ao.png").read_bytes())
+    for count in (3, 4):
+        printed("spheres", "ring.obj", "-n", count, "-s", "300", "-o", f"{count}.json", "--json")
+    found = {}
+    for pair in (("a.json", "b.json"), ("3.json", "4.json"), ("c.png", "c.png")):
+        found[pair] = printed("compare", *pair, "--json")
+        assert faults("compare", found[pair]) == []
+    assert found["a.json", "b.json"]["details"]["differing"] == 2
+    assert found["3.json", "4.json"]["details"] == {"spheres": [[3], [4]]}
+    wrong = found["c.png", "c.png"]
+    wrong["details"]["picture"]["median"] = 0
+    assert faults("compare", wrong) == ["/details anyOf"]
+
+
 @pytest.mark.parametrize("method", ["lloyd", "algebraic", "shadow", "collision"])
 def test_sphere_sets(method, folder, printed):
     spheres = printed("spheres", "ring.obj", *SPHERES, "--method", method, "--json")
