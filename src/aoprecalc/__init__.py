@@ -40,6 +40,7 @@ __all__ = [
     "SphereResult",
     "SphereSet",
     "UsageError",
+    "ValueOptions",
     "VerifyOptions",
     "VerifyReport",
     "__version__",
@@ -64,7 +65,14 @@ if TYPE_CHECKING:
     from aoprecalc.api.spheres import SphereResult, fit_spheres, load_spheres, measure_spheres
     from aoprecalc.api.verify import VerifyReport, verify
     from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, RendererError, UsageError
-    from aoprecalc.options import BakeOptions, BatchOptions, CompareOptions, SphereOptions, VerifyOptions
+    from aoprecalc.options import (
+        BakeOptions,
+        BatchOptions,
+        CompareOptions,
+        SphereOptions,
+        ValueOptions,
+        VerifyOptions,
+    )
     from aoprecalc.pipeline import AssetResult, BatchProgress, BatchReport, BatchResult, batch
     from aoprecalc.progress import Progress
     from aoprecalc.types import SphereSet
@@ -79,7 +87,14 @@ else:
         "api.spheres": ("SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
         "api.verify": ("VerifyReport", "verify"),
         "errors": ("AoprecalcError", "ArgumentError", "InputError", "OutputError", "RendererError", "UsageError"),
-        "options": ("BakeOptions", "BatchOptions", "CompareOptions", "SphereOptions", "VerifyOptions"),
+        "options": (
+            "BakeOptions",
+            "BatchOptions",
+            "CompareOptions",
+            "SphereOptions",
+            "ValueOptions",
+            "VerifyOptions",
+        ),
         "pipeline": ("AssetResult", "BatchProgress", "BatchReport", "BatchResult", "batch"),
         "progress": ("Progress",),
         "types": ("SphereSet",),
