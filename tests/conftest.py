@@ -73,8 +73,8 @@ def command(capsys, monkeypatch):
 def pytest_collection_modifyitems(items):
     """Mark the tests that need OpenGL: they use the fixture above, or "gl" is one of their parameters.
 
-    Tests marked `corpus` are skipped where their meshes are missing, those that name xatlas where that is not installed:
-    PyPI has none for Python 3.14 or Linux on ARM.
+    Tests marked `corpus` are skipped where their meshes are missing. Tests that name xatlas are skipped where it is not
+    installed: PyPI has none for Python 3.14 or Linux on ARM.
     """
     has_xatlas = find_spec("xatlas") is not None
     for item in items:
