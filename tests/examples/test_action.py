@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 from xml.etree import ElementTree
 
 import pytest
@@ -10,6 +11,8 @@ import trimesh
 from PIL import Image, ImageOps
 
 from github_kit import ACTION, DEFAULTS, ROOT, Workflow
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the commands are those of a POSIX shell")
 
 MANIFEST = """
 inputs = ["assets"]

@@ -9,6 +9,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 import sysconfig
 import tomllib
 from pathlib import Path
@@ -23,6 +24,8 @@ from aoprecalc import __version__
 from aoprecalc.gl.context import INSTALLS
 from aoprecalc.pipeline import plan_batch
 from github_kit import DEFAULTS, Workflow
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the commands are those of a POSIX shell")
 
 ROOT = Path(__file__).parents[2]
 CI = ROOT / "examples" / "ci"
