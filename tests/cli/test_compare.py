@@ -103,6 +103,10 @@ def test_other_options_of_the_bake_are_said_where_they_may_be_the_reason(ring, t
         assert (near["warnings"], near["notes"]) == ([], [expected])
     done = run(tmp_path, "compare", ring / "a" / TEXTURE, files.texture)
     assert done.stderr.splitlines()[0] == f"warning: {expected}"
+    surface, picture = done.stdout.splitlines()[2:]
+    details = compared(ring / "a" / TEXTURE, files.texture)["details"]
+    assert surface.startswith(f"surface, {details['surface']['texels']} texels: root mean square ")
+    assert picture.startswith(f"whole picture, {SIZE} x {SIZE}: root mean square {details['picture']['rms']:.6f}, ")
 
 
 def test_formats_of_one_thing_are_near_or_equal(ring):

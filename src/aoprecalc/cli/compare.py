@@ -84,14 +84,9 @@ def _table(report: "CompareReport") -> list[str]:
         lines.append(f"{counted(details['triangles'], 'triangle')}: {distances}")
     pixels = details if report.kind == "texture" else details.get("texture")
     if pixels:
-        size = f"{pixels['width']} x {pixels['height']}"
-        places = {"surface": "surface, texels: {texels}", "picture": f"whole picture, {size}"}
-        lines += [
-            f"{place.format(**found)}: root mean square {found['rms']:.6f}, mean {found['bias']:+.6f}, "
-            f"greatest {found['max']:.4f}, {found['share']:.2%} beyond 2/255, FLIP {found['flip']:.4f}"
-            for name, place in places.items()
-            if (found := pixels[name])
-        ]
+        if surface := pixels["surface"]:
+            lines.append(_statistics(f"surface, {counted(surface['texels'], 'texel')}", surface))
+        lines.append(_statistics(f"whole picture, {pixels['width']} x {pixels['height']}", pixels["picture"]))
     if "center" in details:
         *coarser, finest = details["spheres"]
         count = ", ".join([*map(str, coarser), counted(finest, "sphere")])
@@ -100,3 +95,11 @@ def _table(report: "CompareReport") -> list[str]:
         lines.append(f"{counted(details['numbers'], 'number')}, {counted(details['differing'], 'difference')}")
         lines += [f"  {entry['at']}: {entry['a']!r} became {entry['b']!r}" for entry in details["places"]]
     return lines
+
+
+def _statistics(where: str, found: dict[str, float]) -> str:
+    """Return a line about the differences of two textures over some of their texels."""
+    return (
+        f"{where}: root mean square {found['rms']:.6f}, mean {found['bias']:+.6f}, greatest {found['max']:.4f}, "
+        f"{found['share']:.2%} beyond 2/255, FLIP {found['flip']:.4f}"
+    )
