@@ -323,8 +323,14 @@ def test_the_container_bakes_as_the_dockerfile_says(project):
 
 def test_the_image_gets_all_that_the_package_is_built_from():
     copied = {source for name, rest in dockerfile() if name == "COPY" for source in rest.split()[:-1]}
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert copied == {"pyproject.toml", "src", project["readme"], *project["license-files"]}
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    readme = settings["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["fragments"]
+    assert copied == {
+        "pyproject.toml",
+        "src",
+        *(part["path"] for part in readme),
+        *settings["project"]["license-files"],
+    }
     assert all((ROOT / source).exists() for source in copied)
 
 
