@@ -28,7 +28,7 @@ def test_what_is_given_wins_over_the_bake_and_the_bake_over_the_default():
     assert given.value_options(BAKED) == expected
     assert VerifyOptions(ground=False).value_options(BAKED).up == "auto"
     assert VerifyOptions(up="x").value_options(BAKED).up == "x"
-    with pytest.raises(ArgumentError, match="up is 'x', but there is no floor"):
+    with pytest.raises(ArgumentError, match="up is 'x', but there is no ground"):
         VerifyOptions(up="x").value_options()
 
 

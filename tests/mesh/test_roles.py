@@ -78,7 +78,7 @@ def test_an_unlit_part_that_is_asked_for_is_refused_with_the_reason(street):
 
 
 def test_an_upward_axis_without_a_floor_is_refused():
-    with pytest.raises(UsageError, match="up is 'z', but there is no floor"):
+    with pytest.raises(UsageError, match="up is 'z', but there is no ground"):
         LightOptions(up="z")
 
 

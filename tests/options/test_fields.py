@@ -103,7 +103,7 @@ WRONG = [
     (BakeOptions, {"two_sided": 1}, "two_sided is 1; expected true or false"),
     (BakeOptions, {"only": (1,)}, "only is (1,); expected a list of names"),
     (BakeOptions, {"only": None}, "only is None; expected a list of names"),
-    (BakeOptions, {"up": "z"}, "up is 'z', but there is no floor; add ground, or omit up"),
+    (BakeOptions, {"up": "z"}, "up is 'z', but there is no ground; add ground, or omit up"),
     (BakeOptions, {"memory_limit": "1.5G"}, "memory_limit is '1.5G'; expected a whole number"),
     (SphereOptions, {"levels": ("2", "4")}, "levels is ('2', '4'); expected a list of whole numbers"),
     (VerifyOptions, {"rays": 4}, "rays is 4; expected a whole number from 64 to"),

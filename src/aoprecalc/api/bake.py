@@ -9,7 +9,7 @@ from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
 from aoprecalc.api.bake_scene import bake_report, bake_scene
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
-from aoprecalc.api.verify import measure_texture, warn_of_shared_uvs
+from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
 from aoprecalc.io import Outputs, load_scene, read_image, source_files
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.outputs import write_json
@@ -156,7 +156,7 @@ def bake(
         mesh = as_mesh(mesh)
     baked = bake_scene(mesh._scene, options, progress, timer)
     errors = _measure(baked, baked.texture.values, options, progress, timer) if verify else None
-    messages = (*_messages(baked), *(_warn_of_shared_uvs(baked) if verify else ()))
+    messages = (*_messages(baked), *(_notes_on_shared_uvs(baked) if verify else ()))
     report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), messages)
     tell(progress, messages)
     ao = baked.texture.values
@@ -217,7 +217,7 @@ def bake_file(
         errors = None
         if verify:
             errors = _measure(baked, read_image(written.texture), options, progress, timer)
-            messages += _warn_of_shared_uvs(baked)
+            messages += _notes_on_shared_uvs(baked)
         document = bake_report(baked, options, written.outputs(outputs), errors, timer.seconds(), messages)
         if plan.report is not None:
             write_json(outputs.path(plan.report.path), document.to_dict())
@@ -242,5 +242,5 @@ def _messages(baked: Baked) -> tuple[str, ...]:
     return (*scene.warnings, *baked.warnings, *scene.notes, *baked.notes)
 
 
-def _warn_of_shared_uvs(baked: Baked) -> tuple[str, ...]:
-    return warn_of_shared_uvs(baked.scene) if any(part.uv_owner is not None for part in baked.scene.parts) else ()
+def _notes_on_shared_uvs(baked: Baked) -> tuple[str, ...]:
+    return notes_on_shared_uvs(baked.scene) if any(part.uv_owner is not None for part in baked.scene.parts) else ()

@@ -97,7 +97,8 @@ _WHY = {
     "ray": f"there is no {_OPENGL}, and rays can be traced",
 }
 _USES = {
-    "compressed": "to read Draco and meshopt meshes (meshoptimizer needs a C++ compiler)",
+    "DracoPy": "to read glTF meshes compressed with Draco",
+    "meshoptimizer": "to read glTF meshes compressed with meshopt (its installation needs a C++ compiler)",
     "formats": "to read COLLADA and 3MF",
     "cluster": "to share batches among machines",
 }
@@ -266,8 +267,10 @@ def _install_hints(probes: ProbeResults, extras: dict[str, dict[str, str | None]
     if not probes.rays.works:
         hints.append(InstallHint("embreex", "to trace rays, and to verify", {"any": "pip install embreex"}))
     for extra, packages in extras.items():
-        missing = [name for name, version in packages.items() if version is None]
-        if missing:
-            line = f"pip install 'aoprecalc[{extra}]'"
-            hints.append(InstallHint(", ".join(missing), _USES[extra], {"any": line}))
+        lacking = [name for name, version in packages.items() if version is None]
+        lines = {"any": f"pip install 'aoprecalc[{extra}]'"}
+        if extra in _USES and lacking:
+            hints.append(InstallHint(", ".join(lacking), _USES[extra], lines))
+        else:
+            hints += [InstallHint(name, _USES[name], lines) for name in lacking]
     return hints

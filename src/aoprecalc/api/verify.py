@@ -266,8 +266,8 @@ def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
         *surface.scene.notes,
         *surface.scene.warnings,
         *surface.warnings,
-        *_warn_of_rays(options),
-        *warn_of_shared_uvs(surface.scene),
+        *_notes_on_rays(options),
+        *notes_on_shared_uvs(surface.scene),
     ]
 
 
@@ -278,20 +278,20 @@ def _write_heat_map(path: Path, surface: TexturedSurface, verified: TextureError
     write_colors(path, error_heat_map(texels, verified.uvs, verified.errors, repeats=surface.atlas.repeats))
 
 
-def warn_of_shared_uvs(scene: Scene) -> tuple[str, ...]:
-    """Warn that instances share UVs: the differences between them count as error, which no texture can avoid."""
+def notes_on_shared_uvs(scene: Scene) -> tuple[Note, ...]:
+    """Note that instances share UVs: the differences between them count as error, which no texture can avoid."""
     sharing = sum(part.receives and part.instance_of is not None for part in scene.parts)
     if not sharing:
         return ()
     share = f"{counted(sharing, 'part')} {one_or_many(sharing, 'shares its', 'share their')} UVs with others"
-    return (f"{share}: differences in occlusion between them count as error",)
+    return (Note(f"{share}: differences in AO between them count as error"),)
 
 
-def _warn_of_rays(options: VerifyOptions) -> list[str]:
+def _notes_on_rays(options: VerifyOptions) -> list[Note]:
     rays = stratified_ray_count(options.rays)
     if rays == options.rays:
         return []
-    return [f"{rays} rays per point were cast instead of {options.rays}: their number is a square"]
+    return [Note(f"{rays} rays per point instead of {options.rays}: their number is a square")]
 
 
 def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOptions) -> VerifyReport:

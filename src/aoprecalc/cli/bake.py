@@ -61,7 +61,7 @@ def bake(mesh: str, **given: Any) -> None:
         return
     texture_size = f"{report.texels.width} x {report.texels.height}"
     texture = f"texture inside {files.mesh}" if files.texture is None else files.texture
-    click.echo(f"{texture}  {texture_size}, mean {report.ao.mean:.3f}, {report.directions} directions")
+    click.echo(f"{texture}  {texture_size}, mean AO {report.ao.mean:.3f}, {report.directions} directions")
     if options.target_error is not None and report.estimated_error is not None:
         click.echo(f"estimated sampling error {report.estimated_error:.4f}")
     if report.verify is not None:

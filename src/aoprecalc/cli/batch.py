@@ -46,15 +46,15 @@ class _BatchCommand(Command):
     multiple=True,
     metavar="OPTIONS",
     group="Output",
-    shown="the defaults, unless --spheres is given",
-    help="Bake textures, by these options of bake. May be repeated.",
+    shown="a bake with default options, unless --spheres is given",
+    help="Bake textures with these options of `aoprecalc bake`, such as '-n 500 --size 512'. May be repeated.",
 )
 @option(
     "--spheres",
     multiple=True,
     metavar="OPTIONS",
     group="Output",
-    help="Fit spheres, by these options of spheres. May be repeated.",
+    help="Fit spheres with these options of `aoprecalc spheres`, such as '-n 64'. May be repeated.",
 )
 @option(
     "--report",
@@ -70,7 +70,7 @@ class _BatchCommand(Command):
     help="Write a JUnit file with a test case for each mesh.",
     more="A folder gets `batch.xml`.",
 )
-@option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="Results to share between batches.")
+@option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of results that batches share.")
 @option("--no-cache", is_flag=True, group="Cache", help="Neither use a cache nor add to one.")
 @options_of(BatchOptions)
 @output_options

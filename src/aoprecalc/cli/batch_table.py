@@ -126,7 +126,8 @@ def _summary(result: AssetResult) -> str:
     summary, parts = result.summary or {}, []
     if "ao_mean" in summary:
         width, height = summary["size"]
-        parts.append(f"{counted(summary['triangles'], 'triangle')}, {width} x {height}, mean {summary['ao_mean']:.3f}")
+        triangles = counted(summary["triangles"], "triangle")
+        parts.append(f"{triangles}, {width} x {height}, mean AO {summary['ao_mean']:.3f}")
     if summary.get("rmse") is not None:
         parts.append(f"RMS error {summary['rmse']:.4f}")
     if "spheres" in summary:

@@ -59,7 +59,7 @@ def prune(
     quiet: bool,
     verbose: bool,
 ) -> None:
-    """Remove results that were not used within --max-age, then the least recently used beyond --max-size; or all."""
+    """Remove results that were last used long ago, those beyond a total size, or all."""
     from aoprecalc.pipeline.cache import Cache, CacheReport, default_cache
 
     if max_size is None and max_age is None and not everything:

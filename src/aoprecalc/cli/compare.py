@@ -46,7 +46,7 @@ def compare(a: str, b: str, **given: Any) -> None:
     """Compare a new result B with a reference A: equal, near (within the tolerance), or different.
 
     Both are textures, meshes with their textures, sphere sets (such as .json .urdf), or reports (.json). Of textures
-    those texels decide that the surface covers, in A or in B; the whole picture is told beside them.
+    only the texels count that the surface covers in A or in B; the figures of the whole picture are printed too.
     """
     from aoprecalc.api.compare import compare
     from aoprecalc.io.outputs import json_text
@@ -57,9 +57,7 @@ def compare(a: str, b: str, **given: Any) -> None:
     report = compare(a, b, take(CompareOptions, given), **outputs, progress=console)
     click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
     if not report.passed:
-        raise AnswerError(
-            f"{b}: differs from {a}: {_describe(report)}; find out why, or keep it in place of {a} if it is right"
-        )
+        raise AnswerError(f"{b}: differs from {a}: {_describe(report)}; if the change is meant, replace {a} by {b}")
 
 
 def _describe(report: "CompareReport") -> str:

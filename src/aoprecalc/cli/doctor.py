@@ -96,7 +96,7 @@ def _libraries(report: "DoctorReport") -> list[tuple[str, str, str]]:
         for extra, packages in report.extras.items()
         for name, version in packages.items()
     ]
-    return [(name, version or "missing", note) for name, version, note in own + extras]
+    return [(name, version or "not installed", note) for name, version, note in own + extras]
 
 
 def _where(system: str) -> str:

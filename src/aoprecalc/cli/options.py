@@ -58,6 +58,9 @@ class CliOption(click.Option):
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Return names and help; the help ends with the default in words."""
         record = super().get_help_record(ctx)
+        if record:
+            record = record[0], re.sub(r"([\d.]+)<=x<=([\d.]+)", r"\1 to \2", record[1])
+            record = record[0], re.sub(r"([\d.]+)<x<=([\d.]+)", r"above \1, at most \2", record[1])
         if not (record and self.shown):
             return record
         text, _, bounds = record[1].partition("  [")

@@ -37,7 +37,8 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     """Measure the ambient-occlusion texture of MESH, baked by this or another program, against ray tracing.
 
     The texture is sampled as a renderer does, at full resolution and in its mip levels. It is held to the options of
-    its bake, which this program keeps in the texture (not in .tga and .bmp) and in glTF; what else is given wins.
+    its bake, which this program keeps in the texture (not in .tga and .bmp) and in glTF;
+    options given here win.
     """
     from aoprecalc.api.verify import verify
     from aoprecalc.io.outputs import json_text

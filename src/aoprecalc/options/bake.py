@@ -49,7 +49,7 @@ NormalsField = Annotated[Normals, _mesh(
     "Shading normals. auto: the file's, else smooth ones.", more="A glTF file without normals gets flat ones.")]
 CreaseAngleField = Annotated[float | None, _mesh(
     "Edges that bend more than this are hard where smooth normals are computed.", range=(0, 180), unit="degrees",
-    metavar="DEG", default_text="180; STL 40")]
+    metavar="DEG", default_text="180, for STL 40")]
 OnlyField = Annotated[tuple[str, ...], _scene("Parts that are baked; the others still occlude.", more=_NAMES)]
 ExcludeField = Annotated[tuple[str, ...], _scene(
     "Parts to leave out: they neither receive nor occlude.", more=_NAMES)]
@@ -60,8 +60,8 @@ GlassOccludesField = Annotated[bool, _scene(
 TwoSidedField = Annotated[bool, _scene(
     "Take the lighter value of the two sides of every face.",
     more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
-GroundField = Annotated[bool, _scene("Put the scene on an endless floor: no light comes from below.")]
-UpField = Annotated[Up, _scene("Axis that points up from the floor of `ground`. auto: y; z for STL.")]
+GroundField = Annotated[bool, _scene("Put the scene on an endless ground plane: no light comes from below.")]
+UpField = Annotated[Up, _scene("Axis that points up from the ground of `ground`. auto: y; z for STL.")]
 ThreadsField = Annotated[int, _run(
     "Threads for software rendering and rays; 0: all cores.", range=(0, 1024),
     more="A process keeps the number that its first bake asked for.")]
@@ -85,7 +85,7 @@ class LightOptions(Validated):
         super().__post_init__()
         if self.up != "auto" and not self.ground:
             raise ArgumentError(
-                "up", f"is {self.up!r}, but there is no floor; add {{ground}}, or omit {{up}}", "ground", "up"
+                "up", f"is {self.up!r}, but there is no ground; add {{ground}}, or omit {{up}}", "ground", "up"
             )
 
 
@@ -128,11 +128,11 @@ class BakeOptions(_TextureSize, ValueOptions):
         "Light directions, uniform on the sphere.", "-n", range=(1, 1_000_000),
         more="They come in pairs, so an odd number is rounded up.")] = 1000
     sampling: Annotated[Sampling, _visibility(
-        "Choose the directions on a uniform lattice, or at random.",
+        "Take directions on a spherical Fibonacci lattice, or at random.",
         more="Random directions are antithetic pairs drawn from `seed`.")] = "fibonacci"
     seed: Annotated[int, _visibility("Seed of the random directions.", range=(0, 2**32 - 1))] = 0
     shadow_size: Annotated[int | None, _visibility(
-        "Side of a depth map.", range=(16, 8192), unit="texels", default_text="auto", quantity=SHADOW_SIZE,
+        "Side of the depth maps in texels.", range=(16, 8192), unit="texels", default_text="auto", quantity=SHADOW_SIZE,
         more="auto: 512 to 2048, so that its texels are somewhat smaller than the texture's on the surface, "
         "larger with fewer than 1000 directions.")] = None
     backend: Annotated[Backend, _visibility(

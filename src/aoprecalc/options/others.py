@@ -36,7 +36,8 @@ class SphereOptions(Validated):
         more="There must be at least as many as spheres.")] = 100_000
     seed: Annotated[int, _samples("Seed of the samples and of every random choice.", range=(0, 2**32 - 1))] = 0
     radius: Annotated[Radius, _spheres(
-        "mean or largest (cover) distance of a sphere's samples, or one mean for all (uniform).",
+        "Radius of a sphere: mean distance of its samples (mean), largest (cover), or one mean of all samples for all "
+        "spheres (uniform).",
         more="For lloyd and algebraic; the mean is the root mean square for algebraic.")] = "mean"
     init: Annotated[Init, _spheres(
         "Start at the first samples, or at samples that are far apart (kmeans++).",
@@ -109,7 +110,7 @@ class BatchOptions(Validated):
     """How to work through many meshes."""
 
     jobs: Annotated[int, _run(
-        "Meshes at a time, each in a process of its own; 0: by the cores and the memory.", "-j", range=(0, 4096),
+        "Meshes at a time, each in a process of its own; 0: as many as cores and memory allow.", "-j", range=(0, 4096),
         more="0 is one a core, if there is a GiB of memory for each. Cores beyond that are shared out.")] = 0
     timeout: Annotated[float | None, _run(
         "Give up a mesh that takes longer than this.", range=(0, 10_000_000), above_min=True, unit="seconds",

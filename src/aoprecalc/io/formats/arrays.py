@@ -12,6 +12,7 @@ from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.io.formats.builder import MeshPiece, build_scene
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Int32Array, Scene
 
+_ROUNDING = 1e-3  # by which values of textures may leave [0, 1]; float16 resolves half of it
 Shape = tuple[str | int, ...]  # letters stand for any size
 
 
@@ -97,17 +98,21 @@ def indices(argument: str, values: ArrayLike, shape: Shape, count: int) -> Int32
 
 
 def texture_values(argument: str, values: ArrayLike) -> Float32Array:
-    """Return a texture in [0, 1], (h, w) float32, from numbers, or from unsigned integers over their whole range."""
+    """Return a texture in [0, 1], (h, w) float32, from numbers, or from unsigned integers over their whole range.
+
+    Numbers that rounding has moved out of [0, 1] are clipped; raises ArgumentError for others beyond it.
+    """
     array = numbers(argument, values, ("H", "W"), ("H", "W", 1))
     if not array.size:
         raise ArgumentError(argument, f"has the shape {array.shape}, at least one texel was expected")
     dtype = np.asarray(values).dtype
     if dtype.kind == "u":
         array /= np.iinfo(dtype).max
-    if array.min() < 0 or array.max() > 1:
-        low, high = array.min(), array.max()
-        raise ArgumentError(argument, f"has values from {low:g} to {high:g}, 0 to 1 were expected; divide them")
-    return array.reshape(array.shape[:2]).astype(np.float32)
+    low, high = array.min(), array.max()
+    if low < -_ROUNDING or high > 1 + _ROUNDING:
+        advice = "divide them by 255" if low >= 0 and 1.5 < high <= 255 else "clip or scale them"
+        raise ArgumentError(argument, f"has values from {low:g} to {high:g}, 0 to 1 were expected; {advice}")
+    return np.clip(array.reshape(array.shape[:2]), 0, 1).astype(np.float32)
 
 
 def _array(argument: str, values: ArrayLike, shapes: Sequence[Shape]) -> NDArray[Any]:
