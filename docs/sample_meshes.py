@@ -153,14 +153,15 @@ def robot() -> trimesh.Trimesh:
 
 def write(folder: Path) -> None:
     """Write all of them into a folder."""
-    (folder / "assets/props").mkdir(parents=True, exist_ok=True)
+    for name in ("props", "wip"):
+        (folder / "assets" / name).mkdir(parents=True, exist_ok=True)
     statue().export(folder / "statue.obj", header=None, include_normals=False)
     car().export(folder / "car.glb")
     rock().export(folder / "rock.glb")
     robot().export(folder / "robot.stl")
     statue().export(folder / "assets/hero.obj", header=None, include_normals=False)
-    for seed, name in enumerate(("rock", "boulder"), 1):
-        rock(seed).export(folder / f"assets/props/{name}.glb")
+    for seed, name in enumerate(("props/rock", "props/boulder", "wip/pebble"), 1):
+        rock(seed).export(folder / f"assets/{name}.glb")
 
 
 def main() -> None:

@@ -63,9 +63,7 @@ def test_what_a_page_says_can_be_done(page, scratch):
             (scratch / block.name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / block.name).write_text(block.text)
         if block.language == "toml":
-            path = scratch / (block.name or "aoprecalc.toml")
-            path.write_text(block.text)
-            read_manifest(path).assets_of(lambda _: False)
+            (scratch / (block.name or "aoprecalc.toml")).write_text(block.text)
         elif block.language == "sh":
             run_shell(block)
         elif block.language == "python":
@@ -100,6 +98,13 @@ def test_options_exist(block):
             outside_quotes = re.sub(r"'[^']*'|\"[^\"]*\"", "", rest)
             for name in re.findall(r"(?<=\s)--?[a-zA-Z][a-z-]*", outside_quotes):
                 assert name in known | {"--help", "-h"}, f"{block.where}: aoprecalc {command} has no {name}"
+
+
+@by_block("toml")
+def test_manifests_find_their_meshes(block, scratch):
+    path = scratch / "aoprecalc.toml"
+    path.write_text(block.text)
+    assert read_manifest(path).assets_of(lambda _: False), block.where
 
 
 @by_block("json")
