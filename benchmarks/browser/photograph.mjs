@@ -9,7 +9,7 @@ import puppeteer from "puppeteer-core";
 
 const [folder, page, picture, size] = process.argv.slice(2);
 const [width, height] = size.split("x").map(Number);
-const types = { ".html": "text/html", ".js": "text/javascript", ".glb": "model/gltf-binary" };
+const types = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".glb": "model/gltf-binary" };
 
 const server = createServer(async (request, response) => {
   const path = decodeURIComponent(new URL(request.url, "http://x").pathname);
