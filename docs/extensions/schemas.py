@@ -33,6 +33,9 @@ def type_text(value: Schema) -> str:
     if "enum" in value:
         return ", ".join(dict.fromkeys(f"`{choice}`" for choice in value["enum"] if choice != ""))
     if "anyOf" in value:
+        first, *others = value["anyOf"]
+        if [entry.get("items") for entry in others] == [first]:
+            return f"{type_text(first)}, or a list of them"
         return " or ".join(type_text(choice) for choice in value["anyOf"])
     if value.get("type") == "array":
         if "prefixItems" in value:
@@ -85,6 +88,11 @@ def _in_code(text: str) -> str:
 
 
 TABLES = {"bake": ("BakeTable", BakeOptions), "spheres": ("SphereTable", SphereOptions)}
+# Keys that no options class has.
+OTHER_KEYS = {
+    "output": "What is written, by its extension; of a list, each.",
+    "verify": "Measure the texture against ray tracing, for the report.",
+}
 
 
 def keys(table_name: str) -> str:
@@ -96,8 +104,8 @@ def keys(table_name: str) -> str:
     rows = []
     for key, value in definition["properties"].items():
         field = options.get(key.replace("-", "_"))
-        link = f"{{option}}`{key} <aoprecalc {table_name} --{key}>`" if field else f"`{key}`"
-        text = _in_code(f"{field.option.help}{_default(field)}" if field else value.get("description", ""))
+        link = f"{{option}}`{key} <aoprecalc {table_name} --{key}>`"
+        text = _in_code(f"{field.option.help}{_default(field)}") if field else OTHER_KEYS[key]
         rows.append(f"| {link} | {_value(field, value)} | {text} |")
     return "\n".join(["| key | value | meaning |", "|---|---|---|", *rows, ""])
 
