@@ -84,6 +84,11 @@ def test_bake_verify_and_compare(folder, printed):
         assert faults("compare", different) == []
 
 
+@pytest.mark.parametrize("output", ["out.glb", "out.gltf", "out.exr", "folder/"])
+def test_bakes_with_other_outputs(output, printed):
+    assert faults("bake", printed("bake", "ring.obj", *BAKE, "-o", output, "--json")) == []
+
+
 def test_compare_says_what_differs(folder, printed):
     bake = printed("bake", "ring.obj", *BAKE, "--report", "a.json", "--json")
     (folder / "b.json").write_text(json.dumps(bake | {"directions": None, "sampling": "random"}), encoding="utf-8")
