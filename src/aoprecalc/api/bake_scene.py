@@ -166,7 +166,8 @@ def _messages(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
     left_out = np.count_nonzero(needs_uvs(scene) & ~atlas.mapped)
     if left_out:
         without = one_or_many(left_out, "it has no texels", "they have no texels")
-        lines.append(f"{atlas.method} gave {left_out} of {counted(len(scene.faces), 'face')} no UVs; {without}")
+        advice = "; --unwrap uvunwrap may place them" if atlas.method == "xatlas" else ""
+        lines.append(f"{atlas.method} gave {left_out} of {counted(len(scene.faces), 'face')} no UVs; {without}{advice}")
     if (
         atlas.gutter is not None
         and atlas.gutter < options.padding

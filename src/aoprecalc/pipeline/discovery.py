@@ -78,7 +78,7 @@ def suggest(pattern: str, candidates: Iterable[str]) -> str:
     folded: dict[str, str] = {}
     for candidate in candidates:
         folded.setdefault(candidate.casefold(), candidate)
-    near = get_close_matches(pattern.casefold(), folded, _MAX_SUGGESTIONS)
+    near = get_close_matches(pattern.casefold(), folded, _MAX_SUGGESTIONS, cutoff=0.5)
     return f" (nearest: {', '.join(repr(folded[name]) for name in near)})" if near else ""
 
 
