@@ -51,10 +51,11 @@ def save(folder, document):
 
 
 REMOTE = ["//server/a.png", r"\\server\a.png", "%5C%5Cserver%5Ca.png", "http://server/a.png", "data:image/png;base64,"]
+WRONG = ["a%00.png", "a\0.png", "\ud800.png", "http://[", "//["]
 ABSOLUTE = ["/etc/passwd", "%2Fetc%2Fpasswd", "C:/a.png", "C%3A/a.png", "file:///etc/passwd"]
 
 
-@pytest.mark.parametrize("uri", [*REMOTE, *ABSOLUTE])
+@pytest.mark.parametrize("uri", [*REMOTE, *ABSOLUTE, *WRONG], ids=ascii)
 def test_a_uri_that_is_not_relative_names_no_file(uri):
     assert local_file(Path("in/a.gltf"), uri) is None
 

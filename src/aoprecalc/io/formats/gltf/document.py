@@ -7,11 +7,12 @@ and replace the document's generator.
 import base64
 import binascii
 import json
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,12 +69,13 @@ def gltf_files(path: Path, data: bytes) -> list[Path]:
 
 
 def local_file(path: Path, uri: str) -> Path | None:
-    """Return the file that a URI of the document at `path` names; None for data URIs, remote and absolute ones.
+    """Return the file that a URI of the document at `path` names; None for data URIs, remote, absolute and wrong ones.
 
     The specification allows relative ones alone; of an absolute one, Windows would ask a server that it names.
     """
     file = unquote(uri)
-    if urlsplit(uri).scheme or PureWindowsPath(file).anchor:
+    scheme = re.match(r"[a-zA-Z][a-zA-Z0-9+.-]*:", uri)
+    if scheme or PureWindowsPath(file).anchor or re.search(r"[\0\ud800-\udfff]", file):
         return None
     return path.parent / file
 
