@@ -75,6 +75,7 @@ def test_bake_and_fit_says_what_is_wrong(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.gl
 def test_render_shows_the_mesh_and_its_shadow_on_the_ground(assets):
     scene, picture, names = rendered(assets, "colonnade", "obj")
     assert picture.shape == (SIZE[1], SIZE[0], 3)
@@ -100,6 +101,7 @@ def test_render_shows_the_mesh_and_its_shadow_on_the_ground(assets):
     assert brightness(far) > 0.8
 
 
+@pytest.mark.gl
 def test_render_draws_several_sphere_sets_one_below_the_other(assets, tmp_path):
     inputs = [assets / "colonnade_ao.obj", assets / "colonnade_ao.png", assets / "colonnade_spheres.json"]
     small = tmp_path / "one_small.csv"
@@ -112,12 +114,14 @@ def test_render_draws_several_sphere_sets_one_below_the_other(assets, tmp_path):
     assert (upper < lower - 20).any(axis=2).mean() > 0.02  # the first set's shadow on the ground
 
 
+@pytest.mark.gl
 def test_render_turns_z_up(assets):
     _, upright, _ = rendered(assets, "arches", "glb", "--up", "z")
     _, lying, _ = rendered(assets, "arches", "glb")
     assert np.abs(upright - lying).max() > 0.2
 
 
+@pytest.mark.gl
 def test_render_says_what_is_wrong(assets, meshes, tmp_path, capsys):
     inputs = [meshes / "colonnade.obj", assets / "colonnade_ao.png", assets / "colonnade_spheres.json"]
     code, _ = run("render.py", *inputs, "-o", tmp_path / "picture.png")

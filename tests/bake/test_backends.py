@@ -37,6 +37,7 @@ def differences(maps, rays):
     return (maps.texture.values - rays.texture.values)[maps.texture.valid]
 
 
+@pytest.mark.gl
 @pytest.mark.parametrize("shape", ["torus", pytest.param("dented-seed-3", marks=pytest.mark.slow), "box in a bowl"])
 def test_maps_and_rays_give_the_same_picture(shape):
     made = scene(*SHAPES[shape]())
@@ -74,6 +75,7 @@ def test_every_direction_is_counted(backend):
     assert heard.done == 600
 
 
+@pytest.mark.gl
 def test_auto_falls_back_to_rays_and_says_so(monkeypatch):
     monkeypatch.setattr(context, "_create", no_opengl)
     made, heard = scene(*ball(1)), Heard()
@@ -86,6 +88,7 @@ def test_auto_falls_back_to_rays_and_says_so(monkeypatch):
         bake_scene(made, BakeOptions(size=32, directions=64, backend="gl"))
 
 
+@pytest.mark.gl
 def test_without_rays_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "embreex", None)
     made = scene(*ball(1))

@@ -10,7 +10,6 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.raster.samples import CENTER
 from aoprecalc.types import Atlas
-from aoprecalc.visibility.depth_maps import DepthMapTester
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.projection import convex_hull_points, fit_projections
 from aoprecalc.visibility.rays import RayTester
@@ -64,6 +63,8 @@ def expected(surface, samples):
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_maps_and_rays_agree_with_slow_rays(renderer, seed):
     surface, samples = still(seed)
+    from aoprecalc.visibility.depth_maps import DepthMapTester  # needs moderngl, which is installed on Linux only
+
     slow = expected(surface, samples)
     # What differs by maps is within a map texel of a silhouette or a crease; by rays, where they graze an edge.
     for tester, mean, for_90, for_99 in (

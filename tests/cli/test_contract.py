@@ -197,6 +197,7 @@ def test_verbose_adds_the_traceback(tmp_path):
     assert done.stderr.splitlines()[-1].startswith("error: ")
 
 
+@pytest.mark.gl
 @pytest.mark.parametrize("backend", ["gl", "auto", "ray"])
 def test_without_opengl_rays_are_traced_or_the_code_is_three(backend, ring, tmp_path, run):
     """No EGL device and no OSMesa: libraries are looked for where there are none."""

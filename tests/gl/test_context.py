@@ -4,7 +4,6 @@ import ctypes
 import subprocess
 import sys
 
-import moderngl
 import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
@@ -15,6 +14,8 @@ from aoprecalc.progress import Progress
 from aoprecalc.uv import select as choose
 from aoprecalc.visibility.backend import open_backend
 from shapes import scene, torus
+
+moderngl = pytest.importorskip("moderngl")  # installed on Linux only
 
 
 def without_egl(monkeypatch):

@@ -5,12 +5,13 @@ from functools import partial
 import pytest
 
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.gl_rasterizer import GLRasterizer
 
 
 @pytest.fixture
 def on_gl(renderer):
     """Makes a rasterizer of a layout that draws with OpenGL."""
+    from aoprecalc.raster.gl_rasterizer import GLRasterizer  # needs moderngl, which is installed on Linux only
+
     return partial(GLRasterizer, renderer.context)
 
 
