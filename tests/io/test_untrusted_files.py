@@ -182,3 +182,11 @@ def test_names_in_files_do_not_steer_the_terminal(tmp_path, command):
     done = command("bake", tmp_path / "a.obj", "-o", f"{tmp_path}/out/", "--size", "16", "-n", "64", "--backend", "ray")
     assert "[2Jname" in done.stderr
     assert "\x1b" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("images", [5, {}, [1.5], [None], [{"uri": 5}], [{"uri": ["a.png"]}]], ids=repr)
+def test_lists_of_images_of_another_type_are_damage(images, tmp_path, command):
+    path = save(tmp_path, triangle(images=images))
+    done = command("bake", path, "-o", f"{tmp_path}/out/", "--size", "32", "-n", "64", "--backend", "ray")
+    assert done.returncode == 4
+    assert "a list of images, each with a text as URI if any, was expected" in done.stderr

@@ -95,6 +95,12 @@ def _parse_json(path: Path, data: bytes) -> tuple[Json, bytes | None]:
         raise damaged_file(path, f"a JSON document with asset.version was expected ({error})") from error
     if not version.startswith("2."):
         raise InputError(f"{path}: is glTF {version[:8]!a}, version 2.0 was expected; convert it")
+    for kind in ("buffers", "images"):  # which are looked at before and after the reader's own checks
+        entries = document.get(kind, [])
+        if not isinstance(entries, list) or not all(
+            isinstance(entry, dict) and isinstance(entry.get("uri", ""), str) for entry in entries
+        ):
+            raise damaged_file(path, f"a list of {kind}, each with a text as URI if any, was expected")
     return document, binary
 
 
