@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache as memoize
 from functools import cached_property
@@ -81,15 +81,19 @@ class Manifest:
         """The folder that assets are named from: that of the inputs, else that of the single assets."""
         return base_folder(_listed(self.file.inputs) or [entry.mesh for entry in self.file.asset], self.path.parent)
 
-    def assets_of(self, made: Callable[[Path], bool]) -> list[Asset]:
+    def assets_of(self, made: Callable[[Path], bool], note: Callable[[str], None] = lambda _: None) -> list[Asset]:
         """Find the meshes, except for those that a batch has made, and return each with its job spec.
 
-        Raises InputError for inputs that match nothing, UsageError for an override, exclude or single asset that does,
-        and for options that contradict each other.
+        note   receives a line about each `exclude` that matches nothing
+        Raises InputError for inputs that match nothing, UsageError for an override or single asset that does, and for
+        options that contradict each other.
         """
         root, inputs = self.path.parent, _listed(self.file.inputs)
         found = find_meshes(inputs, made, root) if inputs else []
-        self._refuse_misses([*found, *(Path(path) for path in self._single if os.path.lexists(path))])
+        named = [*found, *(Path(path) for path in self._single if os.path.lexists(path))]
+        self._refuse_misses(named)
+        for miss in self._misses("exclude", _listed(self.file.exclude), named):
+            note(f"{self.path}: {miss}")
         single_meshes = find_meshes([entry.mesh for entry in self.file.asset], made, root)
         meshes = [
             mesh
@@ -106,23 +110,24 @@ class Manifest:
         check_distinct(names, meshes)
         return [Asset(name, mesh, self._spec(mesh)) for name, mesh in zip(names, meshes, strict=True)]
 
+    def _misses(self, key: str, patterns: Iterable[str], meshes: Sequence[Path]) -> list[str]:
+        """Return a text about each pattern of a key that matches none of the meshes."""
+        missed = [pattern for pattern in patterns if not any(self._matches_any(mesh, [pattern]) for mesh in meshes)]
+        choices = self._choices(meshes) if missed else []
+        return [f"{key} = {pattern!r} matches none of its meshes{suggest(pattern, choices)}" for pattern in missed]
+
+    def _choices(self, meshes: Sequence[Path]) -> list[str]:
+        """Return what a pattern could have meant: paths from the manifest's folder, names, all files of a folder."""
+        return with_folders(dict.fromkeys(path for mesh in meshes for path in self._paths(mesh)[:1]))
+
     def _refuse_misses(self, meshes: Sequence[Path]) -> None:
-        """Raise UsageError where overrides, exclude or single assets name none of the meshes; it names them all."""
-        paths = [path for mesh in meshes for path in self._paths(mesh)[:1]]
-        choices = with_folders(dict.fromkeys(paths))
-        patterns = [("[[override]] match", entry.match) for entry in self.file.override]
-        patterns += [("exclude", pattern) for pattern in _listed(self.file.exclude)]
-        missed = [
-            f"{where} = {pattern!r} matches none of its meshes{suggest(pattern, choices)}"
-            for where, pattern in patterns
-            if not any(self._matches_any(mesh, [pattern]) for mesh in meshes)
-        ]
-        missed += [
-            f"[[asset]] mesh = {entry.mesh!r} is no file{suggest(entry.mesh, [*beside, *choices])}"
-            for path, entry in self._single.items()
-            if not os.path.lexists(path)
-            for beside in [[path_from(Path(other), self.path.parent) for other in neighbours(path)]]
-        ]
+        """Raise UsageError where overrides or single assets name none of the meshes; it names them all."""
+        missed = self._misses("[[override]] match", (entry.match for entry in self.file.override), meshes)
+        for path, entry in self._single.items():
+            if not os.path.lexists(path):
+                beside = [path_from(Path(other), self.path.parent) for other in neighbours(path)]
+                nearest = suggest(entry.mesh, [*beside, *self._choices(meshes)])
+                missed.append(f"[[asset]] mesh = {entry.mesh!r} is not a file{nearest}")
         if missed:
             advice = "patterns are relative to the manifest's folder, and match by name if they have no slash"
             raise UsageError(f"{self.path}: {'; '.join(missed)}; correct this: {advice}")

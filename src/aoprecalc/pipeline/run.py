@@ -121,11 +121,13 @@ class Plan:
     assets     with distinct names
     output     the folder for the results
     manifest   the file that describes the batch; None: none
+    notes      lines about the manifest that are no errors
     """
 
     assets: tuple[Asset, ...]
     output: Path
     manifest: Path | None = None
+    notes: tuple[str, ...] = ()
 
     def protected_files(self) -> list[Path]:
         """Return the files that no report may replace: meshes, the manifest, and outputs whose names are known."""
@@ -156,8 +158,9 @@ def plan_batch(patterns: Sequence[str], output: str | os.PathLike[str] | None, s
     folder = output or manifest.output
     if folder is None:
         raise UsageError(f'{manifests[0]} names no output folder; add output = "build", or give -o')
-    assets = manifest.assets_of(_output_predicate(Path(folder), manifest.base))
-    return Plan(tuple(assets), Path(folder), manifest.path)
+    notes: list[str] = []
+    assets = manifest.assets_of(_output_predicate(Path(folder), manifest.base), notes.append)
+    return Plan(tuple(assets), Path(folder), manifest.path, tuple(notes))
 
 
 def _output_predicate(output: Path, base: Path) -> Callable[[Path], bool]:
@@ -207,6 +210,8 @@ def run_batch(
 
     with ResultStore(plan.output, None if cache is None else Cache(Path(cache)), options, progress) as store:
         progress.begin(len(plan.assets))
+        for line in plan.notes:
+            progress.note(line)
         try:
             pending = []
             for asset in plan.assets:
