@@ -117,13 +117,13 @@ def test_the_source_archive_has_what_its_tests_need(tmp_path):
         opened.extractall(tmp_path, filter="data")
     folder = tmp_path / f"aoprecalc-{__version__}"
     environment = os.environ | {"PYTHONPATH": str(folder / "src")}
-    tests = ["tests/test_architecture.py", "tests/options", "tests/cli/test_readme.py"]
+    tests = ["tests/test_architecture.py", "tests/options", "tests/docs/test_reference.py"]
     command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", *tests]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    assert done.returncode == 0, done.stdout + done.stderr
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(collect, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.fixture
