@@ -129,7 +129,7 @@ def bake(
     Raises
     ------
     ArgumentError
-        If `mesh` is no mesh.
+        If `mesh` is not a mesh.
     InputError
         If the mesh cannot be used, or not be unwrapped as asked.
     UsageError
@@ -139,8 +139,8 @@ def bake(
 
     References
     ----------
-    *Précalcul*, section 1.1: the integral (1.1.0.1), its estimate over uniform directions (1.1.1.1), visibility by
-    depth maps (1.1.2), padding and fill (1.1.3).
+    *Précalcul*, section 1.1: the integral (equation 1.1.0.1, over the whole sphere 1.1.1.1), its estimate from uniform
+    directions (section 1.1.1), visibility by depth maps (1.1.2), padding and fill (1.1.3).
 
     Examples
     --------

@@ -210,7 +210,7 @@ def doctor(*, progress: Progress | None = None) -> DoctorReport:
     Returns
     -------
     DoctorReport
-        A broken driver, or a machine without any renderer, is no error: the report says so.
+        A broken driver, or a machine without any renderer, is not an error: the report says so.
     """
     timer = StageTimer(progress or Progress())
     with timer.stage("renderers"):

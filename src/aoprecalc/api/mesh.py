@@ -179,7 +179,7 @@ class Mesh:
         Raises
         ------
         ArgumentError
-            If `ao` is no texture, or the mesh has no UVs for it.
+            If `ao` is not a texture, or the mesh has no UVs for it.
         AoprecalcError
             If Pillow, which makes the picture, is not installed.
         """

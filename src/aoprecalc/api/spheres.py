@@ -124,7 +124,7 @@ def fit_spheres(
     Raises
     ------
     ArgumentError
-        If `mesh` is no mesh.
+        If `mesh` is not a mesh.
     InputError
         If the mesh cannot be used, or has too few distinct points.
     AoprecalcError
@@ -179,7 +179,7 @@ def measure_spheres(
     Raises
     ------
     ArgumentError
-        If `mesh` is no mesh, or `centers` and `radii` are no spheres.
+        If `mesh` is not a mesh, or `centers` and `radii` are not spheres.
     InputError
         If the mesh cannot be used.
 

@@ -158,7 +158,7 @@ def verify(
     Raises
     ------
     ArgumentError
-        If `mesh` is no mesh, or `texture` no texture.
+        If `mesh` is not a mesh, or `texture` is not a texture.
     InputError
         If the mesh or the picture cannot be used.
     RendererError

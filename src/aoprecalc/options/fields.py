@@ -237,7 +237,9 @@ def documented(kind: OptionsClass) -> OptionsClass:
     """
     lines = ["", "Parameters", "----------"]
     for field in option_fields(kind):
-        lines.append(f"{field.name} : {_type_text(field)}, default {_default_text(field)}")
+        parts = [f"`{part.name}`" for part in option_fields(kind) if part.option.part_of == field.name]
+        default = " x ".join(parts) or _default_text(field)
+        lines.append(f"{field.name} : {_type_text(field)}, default {default}")
         lines += wrap(description(field), 112, initial_indent="    ", subsequent_indent="    ")
         if field.init_only:
             del kind.__dataclass_fields__[field.name]
