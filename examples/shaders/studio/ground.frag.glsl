@@ -1,4 +1,5 @@
-// An endless ground of paper, which the spheres shade; above the horizon, paper in full light.
+// An endless ground of paper, which the spheres shade; above the horizon, paper in full
+// light.
 
 const vec3 PAPER = vec3(0.86);
 const vec3 UP = vec3(0.0, 1.0, 0.0);
