@@ -256,7 +256,7 @@ BAD = {
     "a cut GLB": (["bad.glb", "a/g.glb"], 4, "bad.glb"),
     "a missing document": (["missing.json", "a/bake.json"], 4, "missing.json: cannot be read"),
     "a damaged document": (["a/bake.json", "bad.json"], 4, "bad.json: is not JSON"),
-    "a number beyond all": (["a/bake.json", "inf.json"], 4, "1e999 is no finite number"),
+    "a number beyond all": (["a/bake.json", "inf.json"], 4, "1e999 is not a finite number"),
     "a bottomless document": (["a/bake.json", "deep.json"], 4, "deep.json: is not JSON"),
     "a list": (["list.json", "list.json"], 4, "list.json: holds no JSON object"),
     "a document of others": (["else.json", "else.json"], 4, "a sphere set or a report was expected"),

@@ -141,7 +141,7 @@ def test_our_stages_need_no_usd(tmp_path, monkeypatch):
     write_sphere_set(path, as_sets(CENTERS, RADII), {}, None)
     assert np.array_equal(read_spheres(path)[0], CENTERS)
     path.write_text(path.read_text().replace("sphere_0", "ball"))
-    with pytest.raises(InputError, match="is no stage that aoprecalc wrote; `pip install usd-core`"):
+    with pytest.raises(InputError, match="is not a stage that aoprecalc wrote; `pip install usd-core`"):
         read_spheres(path)
 
 
@@ -161,9 +161,9 @@ BAD = [
     ("a.ply", PLY.format(XYZ), "lack radius; expected x, y, z, radius"),
     ("a.ply", PLY.format(XYZ + "property float radius\n").replace("1 2 3 4", "1 2 3"), "promises 1 of 'vertex'"),
     ("a.ply", PLY.format(XYZ + "property float radius\n").replace("3 4", "3 -4"), "finite radii >= 0"),
-    ("a.yml", "a: [", "is no YAML that can be read"),
+    ("a.yml", "a: [", "cannot be read as YAML"),
     ("a.yml", "a: &a [1]\nb: *a", "has an alias"),
-    ("a.yml", "[" * 2000, "is no YAML that can be read"),
+    ("a.yml", "[" * 2000, "cannot be read as YAML"),
     ("a.yml", "{}", "holds no collision_spheres"),
     ("a.yml", "collision_spheres: spheres/franka.yml", "holds no collision_spheres"),
     ("a.yml", "collision_spheres: {}", "at least one sphere"),
@@ -176,7 +176,7 @@ BAD = [
         CUROBO.replace("foot: []", "foot: [{center: [0, 0, 0], radius: 1}]"),
         "2 links have spheres .'hand', 'foot'",
     ),
-    ("a.urdf", "<robot>", "is no URDF that can be read"),
+    ("a.urdf", "<robot>", "cannot be read as URDF"),
     ("a.urdf", "<sdf/>", "its root is 'sdf', robot was expected"),
     ("a.urdf", "<robot/>", "at least one sphere"),
     ("a.urdf", '<!DOCTYPE robot [<!ENTITY a "aaaa">]><robot>&a;</robot>', "document type or entities"),

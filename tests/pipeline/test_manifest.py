@@ -272,8 +272,8 @@ def test_an_asset_alone_needs_no_inputs(planned):
 
 GOOD = 'inputs = "*.obj"\noutput = "out"\n'
 WRONG = {
-    "no TOML": ("inputs = [", 4, "is no TOML ("),
-    "no text": (b"\xff\xfe\x00", 4, "is no TOML ("),
+    "no TOML": ("inputs = [", 4, "is not TOML ("),
+    "no text": (b"\xff\xfe\x00", 4, "is not TOML ("),
     "nothing": ("", 2, "says nothing about bake or spheres"),
     "nothing to make": (GOOD, 2, "says nothing about bake or spheres"),
     "nothing for an asset": (f"{GOOD}bake = false\n", 2, "rock.obj: neither bake nor spheres is asked for"),

@@ -42,7 +42,7 @@ def test_a_file_elsewhere_that_is_no_image_stays_there(name, tmp_path, command):
     (tmp_path / "secret.txt").write_text("secret", encoding="utf-8")
     copied, said = bake(tmp_path, command, name.format(folder=tmp_path.as_posix()))
     assert copied == set()
-    assert name.startswith("..") is ("not copied, as it is no image" in said)
+    assert name.startswith("..") is ("not copied, as it is not an image" in said)
 
 
 def test_images_come_along_as_before(tmp_path, command):

@@ -168,7 +168,7 @@ def _parse_options(command: click.Command, name: str, texts: tuple[str, ...]) ->
     except ValueError as error:
         raise UsageError(f"{name} is {text!r}; a quotation in it has no end ({error})") from error
     except (click.UsageError, click.exceptions.Exit) as error:
-        reason = explained(error) if isinstance(error, click.UsageError) else "--help is no option here"
+        reason = explained(error) if isinstance(error, click.UsageError) else "--help is not an option here"
         raise UsageError(f"{name} is {text!r}: {reason}; see `aoprecalc {command.name} --help`") from error
     given = {key for key in context.params if context.get_parameter_source(key) is ParameterSource.COMMANDLINE}
     for own in sorted(given & _SET_BY_BATCH):

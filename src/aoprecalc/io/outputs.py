@@ -93,8 +93,8 @@ class Outputs(AbstractContextManager["Outputs"]):
     def path(self, final: str | os.PathLike[str]) -> Path:
         """Return the temporary path (same extension) to which the caller writes the content of `final`.
 
-        Raises OutputError where the folder is missing or not writable, and where `final` exists but is no regular file;
-        UsageError where it is one of the input's own files or was requested before.
+        Raises OutputError where the folder is missing or not writable, and where `final` exists but is not a regular
+        file; UsageError where it is one of the input's own files or was requested before.
         """
         target = _real(final)
         if target in self._pending:
@@ -242,5 +242,5 @@ def read_json_object(path: Path) -> dict[str, Any]:
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text[:20]} is no finite number")
+        raise ValueError(f"{text[:20]} is not a finite number")
     return number

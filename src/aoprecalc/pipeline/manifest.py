@@ -199,7 +199,7 @@ def read_manifest(path: Path) -> Manifest:
             f"{path}: cannot be read ({error.strerror}), a manifest was expected; check the path"
         ) from error
     except ValueError as error:
-        raise InputError(f"{path}: is no TOML ({error}); correct it") from error
+        raise InputError(f"{path}: is not TOML ({error}); correct it") from error
     try:
         file = convert(document, ManifestFile)
         for entry in file.asset:

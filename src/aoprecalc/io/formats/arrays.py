@@ -28,7 +28,7 @@ class ArraysFormat(MeshFormat):
 
     def read(self, path: Path, data: bytes) -> Scene:
         """Raise InputError: there is nothing to read."""
-        raise InputError(f"{path}: is no mesh file")
+        raise InputError(f"{path}: is not a mesh file")
 
     def source_files(self, scene: Scene) -> list[Path]:
         """Return nothing."""
@@ -119,7 +119,7 @@ def _array(argument: str, values: ArrayLike, shapes: Sequence[Shape]) -> NDArray
     try:
         array = np.asarray(values)
     except (RuntimeError, TypeError, ValueError) as error:  # rows of different lengths, a tensor on another device
-        raise ArgumentError(argument, f"is no array of numbers, the shape {_either(shapes)} was expected") from error
+        raise ArgumentError(argument, f"is not an array of numbers, shape {_either(shapes)} was expected") from error
     for shape in shapes:
         same = (isinstance(size, str) or size == found for size, found in zip(shape, array.shape, strict=False))
         if len(shape) == array.ndim and all(same):

@@ -16,7 +16,7 @@ _SCHEMA = SCHEMAS["spheres"]
 def read_file(path: Path) -> bytes:
     """Return the bytes of a file; raises InputError where it cannot be read, also for devices and pipes."""
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is no regular file; expected a sphere set")
+        raise InputError(f"{path}: is not a regular file; expected a sphere set")
     try:
         return path.read_bytes()
     except OSError as error:
@@ -81,7 +81,7 @@ def quality_document(count: int, quality: dict[str, float]) -> str:
 def read_sphere_set(path: Path) -> tuple[SphereSet, dict[str, float]]:
     """Read a sphere set and its quality from JSON; coarser levels are left out.
 
-    Raises InputError where the file is missing, is no sphere set or holds an impossible sphere.
+    Raises InputError where the file is missing, is not a sphere set or holds an impossible sphere.
     """
     document = _load(path)
     _require_schema(path, document.get("schema"))
@@ -121,7 +121,7 @@ def read_coarser(path: Path) -> list[tuple[Float64Array, Float64Array]]:
     """Read (centers, radii) of each coarser level, unchecked, the coarsest first; there may be none."""
     levels = _load(path).get("levels", [])
     if not (isinstance(levels, list) and all(isinstance(level, dict) for level in levels)):
-        raise InputError(f'{path}: has "levels" that are no sphere sets; write it again with `aoprecalc spheres`')
+        raise InputError(f'{path}: has "levels" that are not sphere sets; write it again with `aoprecalc spheres`')
     return [_spheres(path, level) for level in levels]
 
 

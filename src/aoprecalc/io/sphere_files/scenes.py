@@ -217,7 +217,7 @@ def read_urdf(path: Path) -> tuple[Float64Array, Float64Array]:
         rows = [row for link in robot.findall("link") for row in _link_spheres(link, _link_frame(link, joints))]
     except (ElementTree.ParseError, ValueError, KeyError, LookupError) as error:
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: is no URDF that can be read ({reason}); mend the file") from error
+        raise InputError(f"{path}: cannot be read as URDF ({reason}); mend the file") from error
     values = np.array(rows, np.float64).reshape(-1, 4)
     return values[:, :3], values[:, 3]
 
@@ -313,7 +313,7 @@ def read_usda(path: Path) -> tuple[Float64Array, Float64Array]:
         text = read_file(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: holds bytes that are no text ({error}), USDA was expected; export it again"
+            f"{path}: holds bytes that are not text ({error}), USDA was expected; export it again"
         ) from error
     name = _DEFAULT_PRIM.search(text)
     try:
@@ -326,7 +326,7 @@ def read_usda(path: Path) -> tuple[Float64Array, Float64Array]:
     except ValueError:
         pass  # another program wrote it
     if find_spec("pxr") is None:
-        raise InputError(f"{path}: is no stage that aoprecalc wrote; `pip install usd-core` to read those of others")
+        raise InputError(f"{path}: is not a stage that aoprecalc wrote; `pip install usd-core` to read those of others")
     return _read_stage(path)
 
 

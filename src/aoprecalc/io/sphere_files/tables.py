@@ -70,7 +70,7 @@ def npz_archive(spheres: SphereSet) -> bytes:
 def read_npz(path: Path) -> tuple[Float64Array, Float64Array]:
     """Read (centers, radii) as float64, unchecked.
 
-    Raises InputError where the file is missing, is no such archive, or its arrays are not of real numbers.
+    Raises InputError where the file is missing, is not such an archive, or its arrays are not of real numbers.
     """
     data = read_file(path)
     try:
@@ -116,7 +116,7 @@ def read_ply_points(path: Path) -> tuple[Float64Array, Float64Array]:
     except InputError:
         raise
     except Exception as error:  # whatever a damaged file provokes
-        raise InputError(f"{path}: is no PLY of spheres ({error}); write it anew") from error
+        raise InputError(f"{path}: is not a PLY of spheres ({error}); write it anew") from error
     lacking = [name for name in PROPERTIES if name not in columns]
     if lacking:
         expected = ", ".join(PROPERTIES)
@@ -191,4 +191,4 @@ def _load_yaml(path: Path, data: bytes) -> Any:
         return yaml.load(data, Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: is no YAML that can be read ({reason}); mend the file") from error
+        raise InputError(f"{path}: cannot be read as YAML ({reason}); mend the file") from error

@@ -112,7 +112,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
                 outputs.path(path.parent / copies[file]).write_bytes(data)
             image["uri"] = quote(copies[file])
         elif not (embed and _embed(image, buffer, data)):
-            found = "a GLB cannot hold the image" if embed else "not copied, as it is no image:"
+            found = "a GLB cannot hold the image" if embed else "not copied, as it is not an image:"
             warnings.append(f"{path}: {found} {uri[:60]!a}; it is referred to by its path")
             image["uri"] = relative_uri(file, path)
     if missing:
