@@ -83,7 +83,7 @@ def test_no_connection_is_opened(tmp_path, monkeypatch):
 
 
 def test_devices_and_pipes_are_not_read(tmp_path):
-    with pytest.raises(OSError, match="no regular file"):
+    with pytest.raises(OSError, match="not a regular file"):
         read_file(tmp_path)
     assert FileStamp.of(tmp_path) == FileStamp(-1, None, "")
 
