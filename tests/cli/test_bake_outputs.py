@@ -52,9 +52,10 @@ OUTPUTS = {
     "b_ao.png": ["b_ao.mtl", "b_ao.obj", "b_ao.png"],
     "b_ao.EXR": ["b_ao.EXR", "b_ao.mtl", "b_ao.obj"],
     "car.glb": ["car.glb"],
-    "car.gltf": ["car.bin", "car.gltf", "car.png"],
-    "car.obj": ["car.mtl", "car.obj", "car.png"],
-    "car.ply": ["car.ply", "car.png"],
+    "car.gltf": ["car.bin", "car.gltf", "car_ao.png"],
+    "car.obj": ["car.mtl", "car.obj", "car_ao.png"],
+    "car_ao.obj": ["car_ao.mtl", "car_ao.obj", "car_ao.png"],
+    "car.ply": ["car.ply", "car_ao.png"],
     "made/": ["made/ring_ao.mtl", "made/ring_ao.obj", "made/ring_ao.png"],
     "t.tif car.ply": ["car.ply", "t.tif"],
     "car.glb t.png": ["car.glb", "t.png"],
@@ -114,7 +115,7 @@ WRONG = {
     ),
     "a folder for it": ("car.glb --mesh-output made/", "--mesh-output is made/, but --output names the mesh car.glb"),
     "a depth that the image inside lacks": ("car.glb --bit-depth half", "--bit-depth is half, but the texture inside"),
-    "a depth that the image beside lacks": ("car.obj --bit-depth float", "car.png: .png has no bit depth float"),
+    "a depth that the image beside lacks": ("car.obj --bit-depth float", "car_ao.png: .png has no bit depth float"),
     "a packing that the mesh lacks": ("car.ply --pack orm", "--pack is orm, which needs .gltf or .glb"),
     "the mesh beside it is the input": ("ring.png", "ring.obj: belongs to the input itself"),
     "the same name twice": ("a.png --report a.png", "two outputs have this name"),
@@ -160,7 +161,7 @@ def test_python_saves_the_same_files(tmp_path):
     }  # fmt: skip
     assert made(tmp_path) == ["car.glb", "report.json"]
     files = result.save(tmp_path / "car.obj")
-    assert (files.texture, files.mesh) == (tmp_path / "car.png", tmp_path / "car.obj")
+    assert (files.texture, files.mesh) == (tmp_path / "car_ao.png", tmp_path / "car.obj")
     with pytest.raises(ao.UsageError, match=r"mesh_output is b\.ply, but output names the mesh"):
         result.save("car.glb", mesh_output="b.ply")
 

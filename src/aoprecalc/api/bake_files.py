@@ -18,7 +18,7 @@ from aoprecalc.io import (
 )
 from aoprecalc.io.baked_options import options_text
 from aoprecalc.io.images import BIT_DEPTHS
-from aoprecalc.io.outputs import claim_output, output_path
+from aoprecalc.io.outputs import claim_output, output_path, texture_stem
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Note
 from aoprecalc.types import Baked, Scene
@@ -95,9 +95,9 @@ class BakePlan:
 
     def claim(self, outputs: Outputs) -> None:
         """Make sure that the files whose names are known can be written; see Outputs.claim."""
-        for file in (self.texture, self.mesh, self.report):
-            if file is not None:
-                claim_output(outputs, file.given, file.path)
+        files = [file for file in (self.texture, self.mesh, self.report) if file is not None]
+        for file in sorted(files, key=lambda file: file.given is None):  # an error names what the user gave
+            claim_output(outputs, file.given, file.path)
 
     def claim_mesh(self, outputs: Outputs, scene: Scene) -> None:
         """Do so for the mesh, where its extension is the scene's."""
@@ -152,7 +152,8 @@ def plan_bake(
     """Return where the files of a bake go.
 
     stem     of the mesh that is baked
-    output   an image, a mesh or a folder, or an image and a mesh; None: <stem>_ao.png
+    output   an image, a mesh or a folder, or an image and a mesh; None: <stem>_ao.png. The texture beside a mesh
+             X.<ext> is X_ao.png, or X.png where X ends in _ao
 
     Raises UsageError for an unknown extension, for a combination that makes no sense, and for a bit depth or a packing
     that a format lacks.
@@ -180,7 +181,8 @@ def plan_bake(
         mesh = _given_mesh(mesh_output, options)
     texture = images[0] if images else None
     if meshes and texture is None and not _embeds(meshes[0].path):
-        texture = _File(meshes[0].path.with_suffix(".png"))
+        mesh_path = meshes[0].path
+        texture = _File(mesh_path.with_name(f"{texture_stem(mesh_path.stem)}.png"))
     if texture is not None:
         choose_bit_depth(texture.path, options.bit_depth)
     elif mesh is not None and options.bit_depth not in ("auto", *BIT_DEPTHS[_EMBEDDED]):

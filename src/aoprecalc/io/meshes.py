@@ -199,9 +199,25 @@ def write_baked_mesh(
 
 
 def mesh_beside(texture: Path) -> Path | None:
-    """Return the mesh beside a picture that has its stem, as a bake writes it; None where there is none."""
-    beside = (texture.with_suffix(extension) for extension in OUTPUT_MESH_EXTENSIONS)
+    """Return the mesh beside a picture, as a bake writes them; None where there is none.
+
+    It has the stem of the picture, or that without _ao, if it refers to the picture: else it may be the mesh that was
+    read.
+    """
+    beside = [texture.with_suffix(extension) for extension in OUTPUT_MESH_EXTENSIONS]
+    if texture.stem.lower().endswith("_ao") and len(texture.stem) > 3:
+        others = (texture.with_name(texture.stem[:-3] + extension) for extension in OUTPUT_MESH_EXTENSIONS)
+        beside += (mesh for mesh in others if mesh.is_file() and _refers_to(mesh, texture))
     return next((mesh for mesh in beside if mesh.is_file()), None)
+
+
+def _refers_to(mesh: Path, texture: Path) -> bool:
+    try:
+        scene = load_scene(mesh)
+        images = [_scene_format(scene).occlusion_of(scene, part).image for part in scene.parts]
+    except Exception:  # of a damaged mesh, which is not the one
+        return False
+    return any(image and image.path and os.path.realpath(image.path) == os.path.realpath(texture) for image in images)
 
 
 class NoOcclusionError(InputError):

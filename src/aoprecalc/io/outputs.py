@@ -169,6 +169,14 @@ def output_path(wanted: str | PathLike[str] | None, default: str | Path, argumen
     return path / Path(default).name if path.is_dir() or _ends_in_slash(wanted) else path
 
 
+def texture_stem(stem: str) -> str:
+    """Return the stem of the texture beside a mesh of a given stem: with _ao at its end, once.
+
+    So that the texture never has the name of a picture that the mesh itself uses, often <stem>.png.
+    """
+    return stem if stem.lower().endswith("_ao") else f"{stem}_ao"
+
+
 def claim_output(outputs: Outputs, wanted: str | PathLike[str] | None, path: Path) -> None:
     """Check, before long work, that an output file can be written, and reserve it; see Outputs.claim.
 
