@@ -130,7 +130,7 @@ def test_a_tolerance_decides_the_exit_code_and_the_outputs_stay(ring, tmp_path, 
 def test_rays_are_rounded_up_and_it_is_said(ring):
     report = verify(ring / "obj" / "ring.obj", rays=250)
     assert report["rays"] == 256
-    assert "instead of 250" in report["notes"][0]
+    assert report["notes"] == ["250 rays per point are rounded up to 256, the next square"]
 
 
 def test_faces_without_a_place_are_left_out_and_said(ring, tmp_path):

@@ -1,10 +1,12 @@
 """The files of a bake: what they are called, whether they can be written, and writing them."""
 
+import shlex
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 
 from aoprecalc.api.reports import AoReference, BakeOutputs
+from aoprecalc.api.textured_surface import verify_words
 from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.io import (
     IMAGE_EXTENSIONS,
@@ -17,9 +19,10 @@ from aoprecalc.io import (
     write_image,
 )
 from aoprecalc.io.baked_options import options_text
-from aoprecalc.io.images import BIT_DEPTHS
+from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT
+from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
-from aoprecalc.options import BakeOptions
+from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
 from aoprecalc.progress import Note
 from aoprecalc.types import Baked, Scene
 
@@ -128,7 +131,7 @@ class BakePlan:
             pack=self.options.pack,
             options=baked.options,
         )
-        messages = made.messages
+        messages = (*made.messages, *_notes_on_options(texture, mesh, baked.options))
         if reason and self.mesh is None and self.mesh_given is None:
             messages += (Note(reason),)
         references = tuple(AoReference(use.slot, use.materials, use.uvs, use.packed) for use in made.references)
@@ -140,6 +143,15 @@ class BakePlan:
         path = output_path(self.mesh_given, self.texture.path.parent / f"{self.stem}{suffix}", "mesh_output")
         check_mesh_extension(path, self.options.pack)
         return path
+
+
+def _notes_on_options(texture: Path, mesh: Path, options: ValueOptions) -> tuple[Note, ...]:
+    """Note that neither file says how the texture was baked, where `verify` has to know it."""
+    words = verify_words(options, VerifyOptions())
+    if not words or texture.suffix.lower() not in EXTENSIONS_WITHOUT_TEXT or format_of(mesh).holds_options:
+        return ()
+    advice = f"pass them to verify ({shlex.join(words)}), or write a .png"
+    return (Note(f"{texture} cannot hold the options of the bake: {advice}"),)
 
 
 def plan_bake(

@@ -46,7 +46,7 @@ class TexturedSurface:
         options = given.value_options(baked)
         scene = assign_roles(scene, options)
         atlas, left_out = _atlas(scene, picture)
-        taken = () if baked is None else _taken(options, given)
+        taken = () if baked is None else verify_words(options, given)
         return cls(scene, picture, atlas, options, taken, (*picture.warnings, *missing, *left_out))
 
     def coverage(self) -> BoolArray:
@@ -79,8 +79,8 @@ def _known_parts(
     return replace(baked, **known), tuple(warnings)
 
 
-def _taken(options: ValueOptions, given: VerifyOptions) -> tuple[str, ...]:
-    """Return the words of a command line for the options that were not given and differ from their defaults."""
+def verify_words(options: ValueOptions, given: VerifyOptions) -> tuple[str, ...]:
+    """Return the words with which `verify` gets the options that were not given and differ from their defaults."""
     words = list[str]()
     for field in option_fields(VerifyOptions):
         used = getattr(options, field.name, None)  # None too for what does not define the value

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
 from aoprecalc.api.textured_surface import TexturedSurface
-from aoprecalc.errors import ArgumentError, counted, one_or_many
+from aoprecalc.errors import ArgumentError, UsageError, counted, one_or_many
 from aoprecalc.io import (
+    IMAGE_EXTENSIONS,
     OcclusionTexture,
     Outputs,
     choose_bit_depth,
@@ -21,6 +22,7 @@ from aoprecalc.io import (
     texture_values,
     write_colors,
 )
+from aoprecalc.io.meshes import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.sampling import sample_surface
@@ -179,6 +181,7 @@ def verify(
         choose_bit_depth(paths["heat_map"], "8")
     with Outputs() as outputs:
         with timer.stage("load"):
+            _require_no_picture(mesh)
             mesh = as_mesh(mesh)
             surface = TexturedSurface.of(mesh._scene, _read_texture(mesh, texture), options)
         picture = surface.picture
@@ -244,6 +247,15 @@ def measure_texture(
     )
 
 
+def _require_no_picture(mesh: MeshLike) -> None:
+    """Raise UsageError where the mesh is the path of a picture."""
+    if not isinstance(mesh, str | PathLike) or (path := Path(mesh)).suffix.lower() not in IMAGE_EXTENSIONS:
+        return
+    found = mesh_beside(path)
+    advice = f"aoprecalc verify {shlex.quote(str(found))}" if found else "pass that, and the picture with --texture"
+    raise UsageError(f"{path}: is a picture, verify takes its mesh: {advice}")
+
+
 def _read_texture(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -> OcclusionTexture:
     """Return the texture to measure, with its UVs and the options of its bake."""
     scene = mesh._scene
@@ -261,8 +273,11 @@ def _read_texture(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -
 def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
     """Return notes and warnings about the mesh, the texture and the options."""
     taken = f"as baked, by {surface.picture.name}: {shlex.join(surface.taken)}"
+    unknown = f"{surface.picture.name} does not say how it was baked: the defaults are assumed"
+    assumed = surface.picture.options is None and surface.options == ValueOptions()
     return [
         *([Note(taken)] if surface.taken else []),
+        *([Note(unknown)] if assumed else []),
         *surface.scene.notes,
         *surface.scene.warnings,
         *surface.warnings,
@@ -291,7 +306,7 @@ def _notes_on_rays(options: VerifyOptions) -> list[Note]:
     rays = stratified_ray_count(options.rays)
     if rays == options.rays:
         return []
-    return [Note(f"{rays} rays per point instead of {options.rays}: their number is a square")]
+    return [Note(f"{options.rays} rays per point are rounded up to {rays}, the next square")]
 
 
 def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOptions) -> VerifyReport:

@@ -36,6 +36,7 @@ BIT_DEPTHS: dict[str, tuple[Depth, ...]] = {
 }
 
 IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
+EXTENSIONS_WITHOUT_TEXT = (".tga", ".bmp")
 
 # Formats that store the time of writing unless given one; equal images must give equal bytes.
 _DATED = (".exr", ".tif", ".tiff")

@@ -116,6 +116,7 @@ class MeshFormat(ABC):
     packs_orm      a texture of occlusion, roughness and metalness can be written
     one_uv_set     the format holds one UV set; a baked one replaces those of the file
     alpha          the format holds transparency and alpha masks
+    holds_options  the file says how its texture was baked, even where the texture does not
     not_read       what a file of this format may hold and `read` leaves out, so that a GLB lacks it; empty if nothing
     """
 
@@ -125,6 +126,7 @@ class MeshFormat(ABC):
     packs_orm: ClassVar[bool] = False
     one_uv_set: ClassVar[bool] = True
     alpha: ClassVar[bool] = False
+    holds_options: ClassVar[bool] = False
     not_read: ClassVar[str] = ""
 
     @abstractmethod

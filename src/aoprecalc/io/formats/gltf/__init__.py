@@ -18,7 +18,7 @@ class GltfFormat(MeshFormat):
 
     name = "glTF"
     extensions = (".gltf", ".glb")
-    writes = packs_orm = alpha = True
+    writes = packs_orm = alpha = holds_options = True
     one_uv_set = False
 
     def sniff(self, data: bytes) -> bool:
