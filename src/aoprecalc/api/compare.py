@@ -11,7 +11,7 @@ import numpy as np
 
 from aoprecalc.api.mesh import given_or_default
 from aoprecalc.api.reports import Document
-from aoprecalc.api.textured_surface import TexturedSurface
+from aoprecalc.api.textured_surface import TexturedSurface, misfit
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError
 from aoprecalc.io import (
     MESH_EXTENSIONS,
@@ -280,7 +280,7 @@ def _read_texture(path: Path, mesh: Path | None) -> _Input:
 def _read_mesh(path: Path) -> _Input:
     scene = load_scene(path)
     try:
-        picture = find_occlusion(scene)
+        picture = find_occlusion(scene, misfit=misfit(scene, VerifyOptions()))
     except NoOcclusionError:
         mesh = ComparedMesh(scene.corners, scene.normals, scene.uv_sets)
         return _Input(mesh, tuple(source_files(scene)), scene.warnings)

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import InputError, counted, one_or_many, option_name
+from aoprecalc.errors import AoprecalcError, InputError, counted, one_or_many, option_name
 from aoprecalc.io import OcclusionTexture
+from aoprecalc.io.meshes import Misfit
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.roles import assign_roles, names_a_part
 from aoprecalc.options import ValueOptions, VerifyOptions
@@ -42,7 +43,7 @@ class TexturedSurface:
         Raises UsageError where options contradict each other or name no part, InputError where the texture covers none
         of the faces.
         """
-        baked, missing = _known_parts(scene, picture, given)
+        baked, missing = _known_parts(scene, picture.options, picture.name, given)
         options = given.value_options(baked)
         scene = assign_roles(scene, options)
         atlas, left_out = _atlas(scene, picture)
@@ -57,11 +58,26 @@ class TexturedSurface:
         return covered.reshape(height, width)
 
 
+def misfit(scene: Scene, given: VerifyOptions) -> Misfit:
+    """Return how badly a texture fits the parts that are to have one: 0 all show it, 1 some, 2 none.
+
+    Which parts these are is as in `TexturedSurface.of`, so it depends on the options of the texture's bake.
+    """
+
+    def rank(shown: BoolArray, baked: ValueOptions | None) -> int:
+        try:
+            receives = assign_roles(scene, given.value_options(_known_parts(scene, baked, "", given)[0])).receives
+        except AoprecalcError:  # these options leave no part
+            return 2
+        return 0 if shown[receives].all() else 1 if shown[receives].any() else 2
+
+    return rank
+
+
 def _known_parts(
-    scene: Scene, picture: OcclusionTexture, given: VerifyOptions
+    scene: Scene, baked: ValueOptions | None, texture: str, given: VerifyOptions
 ) -> tuple[ValueOptions | None, tuple[str, ...]]:
     """Return the options of the bake, with names of parts only that the file still has, and warnings about others."""
-    baked = picture.options
     if baked is None:
         return None, ()
     known: dict[str, Any] = {}
@@ -71,7 +87,7 @@ def _known_parts(
             continue
         known[argument] = tuple(name for name in getattr(baked, argument) if names_a_part(scene.parts, name))
         warnings += [
-            f"{picture.name} was baked with {option_name(argument)} {name!r}, which is the name of no part of "
+            f"{texture} was baked with {option_name(argument)} {name!r}, which is the name of no part of "
             f"{scene.path}; it is left out"
             for name in getattr(baked, argument)
             if name not in known[argument]

@@ -4,7 +4,7 @@
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -248,14 +248,22 @@ class OcclusionTexture:
     others: tuple[str, ...] = ()
 
 
-def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> OcclusionTexture:
+# How badly a texture fits: from the faces that show it, and the options of its bake.
+Misfit = Callable[[BoolArray, ValueOptions | None], int]
+
+
+def find_occlusion(
+    scene: Scene, texture: Path | Float32Array | None = None, misfit: Misfit = lambda shown, options: 0
+) -> OcclusionTexture:
     """Return the ambient occlusion of a scene: the file `texture` where it is given, else what the mesh refers to.
 
     texture   a file, or values (h, w) in [0, 1], which all faces show
+    misfit    decides where materials have different textures: that of the least, the first of equals, is the result
 
     That is the occlusionTexture of glTF, map_Ka or map_Kd of an OBJ's materials, and the TextureFile of a PLY; without
-    any of them, `<stem>.png` beside the mesh. Where materials have different textures, the result is the first, or the
-    one that is the file `texture`, on its faces only. The UVs are those of the occlusionTexture, else the first set.
+    any of them, `<stem>.png` beside the mesh. Where materials have different textures, the result is the one that fits
+    best, or that is the file `texture`, on its faces only. The UVs are those of the occlusionTexture, else the first
+    set.
     The options of the bake are those that the image itself carries, else those beside it in the mesh's file.
 
     Raises NoOcclusionError where there are no UVs or no texture is found, InputError where it cannot be read.
@@ -271,15 +279,25 @@ def find_occlusion(scene: Scene, texture: Path | Float32Array | None = None) -> 
     if isinstance(texture, np.ndarray):
         return OcclusionTexture("texture", None, texture, uvs, np.ones(len(uvs), bool), ())
     images = list(dict.fromkeys(part.image for part in parts if part.image is not None))
-    chosen = _choose(scene.path, images, texture)
-    shown = np.repeat([chosen not in images or part.image == chosen for part in parts], sizes)
+
+    def shown_by(image: ImageSource) -> BoolArray:
+        return np.repeat([image not in images or part.image == image for part in parts], sizes)
+
+    def options_of(image: ImageSource) -> tuple[ValueOptions | None, tuple[str, ...]]:
+        extras = (part.extras for part in parts if part.image == image and part.extras is not None)
+        return baked_options(image, next(extras, None))
+
+    if texture is None and len(images) > 1:
+        chosen = min(images, key=lambda image: misfit(shown_by(image), options_of(image)[0]))
+    else:
+        chosen = _choose(scene.path, images, texture)
+    shown = shown_by(chosen)
 
     warnings = dict.fromkeys(part.note for part in parts if part.note and part.image == chosen)
     values = chosen.first_channel()
     if not np.isfinite(values).all():
         raise InputError(f"{chosen.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    extras = next((part.extras for part in parts if part.image == chosen and part.extras is not None), None)
-    options, damage = baked_options(chosen, extras)
+    options, damage = options_of(chosen)
     others = () if shown.all() else tuple(image.name for image in images if image != chosen)
     return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, (*warnings, *damage), options, others)
 
