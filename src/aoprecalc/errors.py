@@ -4,7 +4,8 @@ A message is one line: what was found, what was expected, what to do.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from difflib import SequenceMatcher
 from typing import SupportsIndex
 
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
@@ -26,6 +27,34 @@ def counted(count: SupportsIndex, noun: str, plural: str = "") -> str:
 def one_or_many(count: SupportsIndex, one: str, many: str) -> str:
     """Return the word that agrees with a number, such as is or are."""
     return one if count == 1 else many
+
+
+# What other programs call an option -> what it is called here.
+SYNONYMS = {
+    "samples": "directions",
+    "spp": "directions",
+    "rays": "directions",
+    "resolution": "size",
+    "margin": "padding",
+    "dilation": "padding",
+    "count": "spheres",
+}
+_NEAR = 0.75  # likeness from which a name counts as misspelt: 0.83 for --unwarp, 0.67 for --samples and --sampling
+
+
+def nearest(wrong: str, names: Iterable[str]) -> str:
+    """Return the one of the names that a wrong one is meant to be, upper and lower case alike; empty if none is near.
+
+    Leading dashes do not count.
+    """
+    plain = {name: name.lstrip("-").casefold() for name in names}
+    written = wrong.lstrip("-").casefold()
+    for name, text in plain.items():
+        if text == SYNONYMS.get(written):
+            return name
+    likeness = {name: SequenceMatcher(None, written, text).ratio() for name, text in plain.items()}
+    best = max(likeness, key=lambda name: likeness[name], default="")
+    return best if best and likeness[best] >= _NEAR else ""
 
 
 class AoprecalcError(Exception):

@@ -33,6 +33,15 @@ def test_a_limit_that_cannot_be_kept_is_refused(monkeypatch):
         texels_per_chunk(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
 
 
+def test_the_advice_is_what_helps_and_the_limit_is_as_it_was_given(monkeypatch):
+    """A smaller texture was advised at 64 x 64 texels, where all the memory is taken before the first texel."""
+    monkeypatch.setattr(setup, "_resident", lambda: 300 * MEGABYTE)
+    with pytest.raises(UsageError, match=r"need 396M; use a higher limit$"):
+        texels_per_chunk(200 * MEGABYTE, "64 x 64", 1 << 12, 1 << 12, 1 << 20, 1000)
+    with pytest.raises(UsageError, match=r"is 1G; .* need \d+M; use a higher limit or a smaller size$"):
+        texels_per_chunk(1024 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+
+
 def test_parts_cover_everything_once():
     assert [(run.start, run.stop) for run in chunks(2500, 1000)] == [(0, 1000), (1000, 2000), (2000, 2500)]
 

@@ -121,7 +121,6 @@ def test_too_few_iterations_are_said(ring, tmp_path, run):
 
 
 BAD = {
-    "no command": ([], 2, "Missing command"),
     "unknown command": (["bakes"], 2, "No such command"),
     "unknown option": (["bake", "ring.obj", "--sise", "9"], 2, "--sise"),
     "no mesh": (["bake"], 2, "MESH"),
@@ -189,6 +188,22 @@ def test_a_folder_that_may_not_be_written(ring, tmp_path, run):
     done = run(tmp_path, "bake", "ring.obj", *QUICK, "-o", "closed/")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("error: closed")
+
+
+@pytest.mark.parametrize("words", [[], ["cache"]], ids=str)
+def test_without_a_command_there_is_the_help(words, tmp_path, run):
+    done, asked = run(tmp_path, *words), run(tmp_path, *words, "--help")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == asked.stdout
+    assert done.stderr.startswith("Usage: ")
+
+
+def test_verbose_adds_no_traceback_to_wrong_usage(ring, tmp_path, run):
+    for words in (["--sise", "9"], ["--size", "0"], ["-o", "ring.xyz"]):
+        done = run(tmp_path, "bake", "ring.obj", *words, "-v")
+        assert done.returncode == 2
+        assert done.stderr.splitlines()[-1].startswith("error: ")
+        assert "Traceback" not in done.stderr
 
 
 def test_verbose_adds_the_traceback(tmp_path):

@@ -59,6 +59,14 @@ def test_it_says_what_it_made(here):
     assert again.stdout.startswith("2 assets: 2 unchanged; ")
 
 
+def test_verbose_tells_the_seconds_of_each_stage(here):
+    done = run(here, "batch", "in/a.obj", "-o", "out", *SMALL_BAKE, "-j", "1", "--no-cache", "-v")
+    assert done.returncode == 0, done.stderr
+    lines = [line.split(": ") for line in done.stderr.splitlines() if line.startswith("a: ")]
+    assert {"load", "visibility", "write"} <= {words[1] for words in lines}
+    assert all(words[-1].endswith(" s") for words in lines)
+
+
 @pytest.mark.slow
 def test_its_results_are_those_of_the_single_commands(here):
     """With one job and with three; the commands are those that its report tells."""
@@ -157,7 +165,7 @@ USAGE = {
     "a wrong option inside": (["in", "-o", "out", "--bake", "--sise 64"], 2, "--bake is '--sise 64': No such option"),
     "a wrong value inside": (["in", "-o", "out", "--bake", "-n 0"], 2, "--bake is '-n 0': Invalid value"),
     "an output inside": (["in", "-o", "out", "--bake", "-o x.png"], 2, "--output is 'x.png'; for the results of"),
-    "a mesh inside": (["in", "-o", "out", "--spheres", "a.obj"], 2, "--spheres is 'a.obj': Got unexpected extra"),
+    "a mesh inside": (["in", "-o", "out", "--spheres", "a.obj"], 2, "'a.obj': 'a.obj' is not an option; write meshes"),
     "a quotation without an end": (["in", "-o", "out", "--bake", "--only 'a"], 2, "a quotation in it has no end"),
     "help inside": (["in", "-o", "out", "--bake", "--help"], 2, "--bake is '--help'"),
     "two numbers of spheres": (

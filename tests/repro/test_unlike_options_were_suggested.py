@@ -9,7 +9,7 @@ from aoprecalc.cli import main
     ("words", "hint"),
     [
         (["bake", "a.obj", "--max-distance", "3"], None),
-        (["bake", "a.obj", "--samples", "3"], None),
+        (["bake", "a.obj", "--samples", "3"], "--directions"),
         (["bake", "a.obj", "-z"], None),
         (["xyz"], None),
         (["bake", "a.obj", "--unwarp", "auto"], "--unwrap"),

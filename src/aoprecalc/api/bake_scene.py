@@ -147,8 +147,15 @@ def _describe_uvs(atlas: Atlas, padding: int) -> str:
     if atlas.method == "keep":
         return f"unwrap: the file's own UVs, {charts}"
     last_safe = first_unsafe_mip(atlas.gutter or 0, padding) - 1
+    if _has_narrow_gutters(atlas, padding):  # a warning says so
+        return f"unwrap: new UVs by {atlas.method}, {charts}"
     gutters = f"gutters of {counted(atlas.gutter or 0, 'texel')}: no charts mix up to mip level {last_safe}"
     return f"unwrap: new UVs by {atlas.method}, {charts}, {gutters}"
+
+
+def _has_narrow_gutters(atlas: Atlas, padding: int) -> bool:
+    """Tell whether charts mix from mip level 1 on because their gutters are narrower than was wanted."""
+    return atlas.gutter is not None and atlas.gutter < padding and first_unsafe_mip(atlas.gutter, padding) == 1
 
 
 # Messages: warnings of what may need an action, notes of the rest.
@@ -168,14 +175,11 @@ def _messages(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
         without = one_or_many(left_out, "it has no texels", "they have no texels")
         advice = "; --unwrap uvunwrap may place them" if atlas.method == "xatlas" else ""
         lines.append(f"{atlas.method} gave {left_out} of {counted(len(scene.faces), 'face')} no UVs; {without}{advice}")
-    if (
-        atlas.gutter is not None
-        and atlas.gutter < options.padding
-        and first_unsafe_mip(atlas.gutter, options.padding) == 1
-    ):
+    if _has_narrow_gutters(atlas, options.padding):
+        gutters = counted(atlas.gutter or 0, "texel")
         lines.append(
-            f"{counted(atlas.charts, 'chart')}, and room for gutters of {counted(atlas.gutter, 'texel')} only: charts "
-            "may mix from mip level 1 on. Use a larger --size for wider gutters."
+            f"{counted(atlas.charts, 'chart')}, and room for gutters of {gutters} only: charts may mix "
+            "from mip level 1 on. Use a larger --size for wider gutters."
         )
     return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options)]
 
@@ -185,7 +189,7 @@ def _notes_on_materials(scene: Scene) -> list[Note]:
     unlit = [part.name for part in scene.parts if part.material.unlit]
     lines = []
     if transparent:
-        lines.append(Note(f"{_list(transparent)} transparent: baked, but not occluding; see --glass-occludes"))
+        lines.append(Note(f"{_list(transparent)} transparent: baked, but light passes through; see --glass-occludes"))
     if unlit:
         lines.append(Note(f"{_list(unlit)} unlit: not baked"))
     return lines
@@ -244,7 +248,9 @@ def _ground_alone(baked: Baked) -> float | None:
 def _messages_on_dark_texels(baked: Baked, options: BakeOptions) -> list[str]:
     dark, parts = baked.dark, baked.dark.parts
     if not options.two_sided and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
-        return ["the mesh is closed and its faces point inwards: its inside was baked; flip the faces, or --two-sided"]
+        return [
+            "the mesh is closed and its faces point inwards: its inside was baked; flip the faces, or use --two-sided"
+        ]
     if dark.share < _MIN_DARK:
         return []
     inwards = _shorten([f"{part.name!r}: {part.inwards:.0%}" for part in parts if part.inwards >= part.inside])

@@ -87,7 +87,7 @@ def _known_parts(
             continue
         known[argument] = tuple(name for name in getattr(baked, argument) if names_a_part(scene.parts, name))
         warnings += [
-            f"{texture} was baked with {option_name(argument)} {name!r}, which is the name of no part of "
+            f"{texture} was baked with {option_name(argument)} {name!r}, which is not the name of a part of "
             f"{scene.path}; it is left out"
             for name in getattr(baked, argument)
             if name not in known[argument]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
 from aoprecalc.errors import counted
 from aoprecalc.options import BakeOptions
 
@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from aoprecalc.api.reports import BakeReport
 
 
-@click.command(cls=Command, short_help="Bake an ambient-occlusion texture.")
+@click.command(
+    cls=MeshCommand, many="aoprecalc batch MESH... -o build/", short_help="Bake an ambient-occlusion texture."
+)
 @click.argument("mesh", type=FILE)
 @option(
     "-o",

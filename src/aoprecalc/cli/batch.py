@@ -170,6 +170,10 @@ def _parse_options(command: click.Command, name: str, texts: tuple[str, ...]) ->
     except (click.UsageError, click.exceptions.Exit) as error:
         reason = explained(error) if isinstance(error, click.UsageError) else "--help is not an option here"
         raise UsageError(f"{name} is {text!r}: {reason}; see `aoprecalc {command.name} --help`") from error
+    if context.args:
+        raise UsageError(
+            f"{name} is {text!r}: {context.args[0]!r} is not an option; write meshes before --{command.name}"
+        )
     given = {key for key in context.params if context.get_parameter_source(key) is ParameterSource.COMMANDLINE}
     for own in sorted(given & _SET_BY_BATCH):
         option = own.removeprefix("as_").replace("_", "-")

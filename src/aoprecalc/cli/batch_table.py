@@ -22,7 +22,7 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
         """Start the clock."""
         self._quiet, self._verbose = quiet, verbose and not quiet
         self._total, self._counts = 0, dict[str, int]()
-        self._running: dict[str, tuple[str, float]] = {}  # name -> stage, when it started
+        self._running: dict[str, tuple[str, float, float]] = {}  # name -> stage, when the asset and the stage began
         self._live: Any = None
         self._started = time.monotonic()
 
@@ -48,12 +48,14 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
         self._total = total
 
     def stage(self, asset: Asset, name: str) -> None:
-        """Show the stage of an asset."""
-        started = self._running.get(asset.name, ("", time.monotonic()))[1]
-        self._running[asset.name] = (name, started)
+        """Show the stage of an asset; with `verbose`, print the seconds of the one before."""
+        now = time.monotonic()
+        self._say_seconds(asset.name)
+        self._running[asset.name] = (name, self._running[asset.name][1] if asset.name in self._running else now, now)
 
     def end(self, result: AssetResult) -> None:
         """Count a result and print its line; beside a live table only that of a failure."""
+        self._say_seconds(result.asset.name)
         self._running.pop(result.asset.name, None)
         self._counts[result.status] = self._counts.get(result.status, 0) + 1
         if result.status == "failed" or (self._live is None and result.status in ("made", "cached")):
@@ -65,6 +67,11 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
         if result.status in ("made", "cached"):
             for line in (result.summary or {}).get("warnings", ()):
                 self.warn(f"{result.asset.name}: {line}")
+
+    def _say_seconds(self, name: str) -> None:
+        if self._verbose and name in self._running:
+            stage, _, began = self._running[name]
+            self._say(_printable(f"{name}: {stage}: {time.monotonic() - began:.2f} s"))
 
     def note(self, text: str) -> None:
         """Print a line, unless quiet."""
@@ -90,7 +97,7 @@ class BatchTable(BatchProgress, AbstractContextManager["BatchTable"]):
 
         now, done = time.monotonic(), sum(self._counts.values())
         table = Table.grid(padding=(0, 2))
-        for name, (stage, started) in self._running.copy().items():
+        for name, (stage, started, _) in self._running.copy().items():
             table.add_row(Text(f"  {name}", overflow="ellipsis", no_wrap=True), Text(stage), f"{now - started:6.1f} s")
         head = Table.grid(padding=(0, 2))
         failed = self._counts.get("failed", 0)

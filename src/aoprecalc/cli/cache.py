@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _folder = option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of the cache.")
 
 
-@click.group(no_args_is_help=False, short_help="Print or prune the cache of results that batches share.")
+@click.group(no_args_is_help=True, short_help="Print or prune the cache of results that batches share.")
 def cache() -> None:
     """Print or prune the cache: a folder of results that batches share."""
 

@@ -20,7 +20,7 @@ from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.options import explained
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
-from aoprecalc.errors import AnswerError, AoprecalcError, option_name
+from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name
 
 EPILOG = (
     "Of an option that is given twice the last one counts, unless its text says that it may be repeated. "
@@ -47,6 +47,9 @@ class _Group(click.Group):
             _fail(error.worded(option_name), error.exit_code, error)
         except click.exceptions.Exit as ending:
             sys.exit(ending.exit_code)
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.format_message(), err=True)
+            sys.exit(error.exit_code)
         except click.ClickException as error:
             _fail(_usage_line(error), error.exit_code, error)
         except (click.Abort, KeyboardInterrupt):
@@ -78,7 +81,7 @@ def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> Non
 @click.group(
     cls=_Group,
     epilog=EPILOG,
-    no_args_is_help=False,
+    no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.option(
@@ -101,9 +104,9 @@ for command in (bake, batch, cache, spheres, verify, compare, doctor, completion
 
 
 def _fail(message: str, code: int, error: BaseException) -> None:
-    """Print the error, with its traceback if `-v` is given, and exit."""
+    """Print the error, with its traceback if `-v` is given and the usage was right, and exit."""
     verbose = any(re.fullmatch(r"--verbose|-[a-z]*v[a-z]*", word) for word in sys.argv[1:])
-    if verbose and not isinstance(error, AnswerError):
+    if verbose and not isinstance(error, AnswerError | UsageError | click.UsageError):
         traceback.print_exception(error)
     line = without_controls(" ".join(message.split()))
     click.echo(f"error: {line}", err=True)

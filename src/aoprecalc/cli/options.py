@@ -1,16 +1,16 @@
 """Options of the command line, made from the options classes; and groups of options in `--help`."""
 
 import re
+import shlex
 from collections.abc import Callable
-from difflib import SequenceMatcher
 from typing import Any, Literal, TypeVar
 
 import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from aoprecalc.errors import ArgumentError, option_name
-from aoprecalc.options import with_extensions
+from aoprecalc.errors import ArgumentError, nearest, option_name
+from aoprecalc.options import MESH_EXTENSIONS, with_extensions
 from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
 
 # Headings of `--help`, in their order; what has none of them comes last.
@@ -67,23 +67,27 @@ class CliOption(click.Option):
         return record[0], f"{text}  [default: {self.shown}" + (f"; {bounds}" if bounds else "]")
 
 
-_NEAR = 0.75  # likeness from which a name counts as misspelt: 0.83 for --unwarp, 0.67 for --samples and --sampling
-
-
 def explained(error: click.ClickException) -> str:
-    """Return the message of an error of click; an unknown name comes with the one that it is near to, if there is one.
+    """Return the message of an error of click; an unknown name comes with the one that is meant, if one is near.
 
     click itself suggests names of little likeness, and several of them.
     """
     if not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
         return error.format_message().rstrip(".")
-    wrong = error.option_name if isinstance(error, click.NoSuchOption) else error.command_name
-    likeness = {
-        name: SequenceMatcher(None, wrong.strip("-"), name.strip("-")).ratio() for name in error.possibilities or ()
-    }
-    nearest = max(likeness, key=lambda name: likeness[name], default="")
-    hint = f" (did you mean {nearest!r}?)" if nearest and likeness[nearest] >= _NEAR else ""
-    return f"{error.message.rstrip('.')}{hint}"
+    found, context = error.message.rstrip("."), error.ctx
+    if isinstance(error, click.NoSuchOption):
+        known = [] if context is None else [name for entry in context.command.params for name in _names_of(entry)]
+        meant = nearest(error.option_name, known) if error.option_name.startswith("--") else ""
+    elif error.command_name.lower().endswith(MESH_EXTENSIONS):
+        return f"{found} (did you mean `aoprecalc bake {shlex.quote(error.command_name)}`?)"
+    else:
+        meant = nearest(error.command_name, error.possibilities or ())
+    return f"{found} (did you mean {meant!r}?)" if meant else found
+
+
+def _names_of(entry: click.Parameter) -> list[str]:
+    """Return the long names of an option; none of an argument."""
+    return [name for name in (*entry.opts, *entry.secondary_opts) if name.startswith("--")]
 
 
 class Command(click.Command):
@@ -105,6 +109,28 @@ class Command(click.Command):
             if records:
                 with formatter.section(group):
                     formatter.write_dl(records)
+
+
+class MeshCommand(Command):
+    """A command of one mesh, which says what to do with several.
+
+    many   the command for them
+    """
+
+    def __init__(self, *names: Any, many: str, **given: Any) -> None:
+        """Declare a command as click does."""
+        super().__init__(*names, **{"context_settings": {"allow_extra_args": True}} | given)
+        self._many = many
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the command line; a second mesh is a usage error; without a parent it is in `ctx.args`."""
+        rest = super().parse_args(ctx, args)
+        if ctx.args and ctx.parent is not None and not ctx.resilient_parsing:
+            found = " ".join(shlex.quote(word) for word in ctx.args[:3]) + (" ..." if len(ctx.args) > 3 else "")
+            raise click.UsageError(
+                f"{self.name} takes one mesh, but found {found} as well; for many: {self._many}", ctx
+            )
+        return rest
 
 
 def quantity_type(quantity: Quantity) -> Callable[[str], Any]:

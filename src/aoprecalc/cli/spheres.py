@@ -6,12 +6,16 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.console import Console
-from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
 from aoprecalc.errors import UsageError, counted, option_name
 from aoprecalc.options import SphereOptions
 
 
-@click.command(cls=Command, short_help="Fit spheres that stand in for a mesh.")
+@click.command(
+    cls=MeshCommand,
+    many="aoprecalc batch MESH... --spheres '-n 100' -o build/",
+    short_help="Fit spheres that stand in for a mesh.",
+)
 @click.argument("mesh", type=FILE)
 @option(
     "-o",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.baked_options import read_options
 from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo, WrittenMesh
@@ -122,7 +122,9 @@ def input_files(path: Path, data: bytes) -> list[Path]:
 
 def _read_bytes(path: Path) -> bytes:
     if not path.exists():
-        raise InputError(f"{path}: there is no such file, a mesh was expected; check the path")
+        meant = nearest(path.name, _meshes_in(path.parent))
+        hint = f" (did you mean {path.with_name(meant)}?)" if meant else ""
+        raise InputError(f"{path}: there is no such file{hint}, a mesh was expected; check the path")
     if not path.is_file():
         raise InputError(f"{path}: is a device or a pipe, a mesh file was expected; save it as a file first")
     try:
@@ -134,6 +136,14 @@ def _read_bytes(path: Path) -> bytes:
     if data.startswith(b"version https://git-lfs"):
         raise InputError(f"{path}: is a Git LFS pointer, not the mesh itself; run `git lfs pull` to fetch the mesh")
     return data
+
+
+def _meshes_in(folder: Path) -> list[str]:
+    """Return the names of the mesh files in a folder, sorted; none where it cannot be read."""
+    try:
+        return sorted(entry.name for entry in folder.iterdir() if entry.name.lower().endswith(MESH_EXTENSIONS))
+    except OSError:
+        return []
 
 
 # Writing.

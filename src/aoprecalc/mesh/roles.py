@@ -2,15 +2,14 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Literal
 
-from aoprecalc.errors import ArgumentError, InputError, UsageError, counted
+from aoprecalc.errors import ArgumentError, InputError, UsageError, counted, nearest
 from aoprecalc.options import LightOptions
 from aoprecalc.types import Part, Scene
 
-_MAX_NAMES = 5  # in an error about a wrong one
+_MAX_NAMES = 10  # in an error about a wrong one
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -77,11 +76,12 @@ def _require_known(parts: Sequence[Part], argument: str, patterns: Collection[st
     for pattern in patterns:
         if not names_a_part(parts, pattern):
             names = sorted({name for part in parts for name in (part.name, *part.names)})
-            shown = get_close_matches(pattern, names, _MAX_NAMES) or names[:_MAX_NAMES]
-            more = f" or {counted(len(names) - len(shown), 'other')}" if len(names) > len(shown) else ""
-            expected = ", ".join(map(repr, shown)) + more
+            more = f" or {counted(len(names) - _MAX_NAMES, 'other')}" if len(names) > _MAX_NAMES else ""
+            expected = ", ".join(map(repr, names[:_MAX_NAMES])) + more
+            meant = nearest(pattern, names)
+            hint = f" (did you mean {meant!r}?)" if meant else ""
             raise ArgumentError(
-                argument, f"has {pattern!r}, which is the name of no part; expected one such as {expected}"
+                argument, f"has {pattern!r}, which is not the name of a part{hint}; expected one of {expected}"
             )
 
 

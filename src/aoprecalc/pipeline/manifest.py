@@ -191,7 +191,7 @@ class Manifest:
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest; raises InputError where it is missing or no TOML, UsageError where a key or value is wrong."""
+    """Read a manifest; raises InputError where it is missing, UsageError where it is not valid TOML or not right."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -199,7 +199,7 @@ def read_manifest(path: Path) -> Manifest:
             f"{path}: cannot be read ({error.strerror}), a manifest was expected; check the path"
         ) from error
     except ValueError as error:
-        raise InputError(f"{path}: is not TOML ({error}); correct it") from error
+        raise UsageError(f"{path}: is not valid TOML: {error}") from error
     try:
         file = convert(document, ManifestFile)
         for entry in file.asset:

@@ -8,7 +8,7 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, defstruct
 
 from aoprecalc.api.bake_files import plan_bake
-from aoprecalc.errors import ArgumentError, UsageError
+from aoprecalc.errors import ArgumentError, UsageError, nearest
 from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 from aoprecalc.options import BakeOptions, SphereOptions
@@ -169,7 +169,10 @@ def _explained(message: str, document: Any, kind: type[Struct]) -> str:
         key = ".".join([*names, key_name(found[2])])
         if found[1] == "missing required":
             return f"{key} is missing; add it"
-        return f"{key} is not known; expected one of {', '.join(map(key_name, kind.__struct_fields__))}"
+        known = [key_name(name) for name in kind.__struct_fields__]
+        if meant := nearest(key_name(found[2]), known):
+            return f"unknown key {key!r}; did you mean {meant!r}?"
+        return f"unknown key {key!r}; expected one of {', '.join(known)}"
     key = re.sub(r"\[\d+\]$", "", ".".join(names))  # what is wrong with an entry is said of its list
     return f"{key} is {value!r}; expected {expected}"
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.unit_sphere import NormalizedSurface
 from aoprecalc.options import BakeOptions
+from aoprecalc.options.fields import format_bytes
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.raster.samples import CENTER, Samples, keep_faces
 from aoprecalc.system import resident_memory
@@ -60,11 +61,11 @@ def texels_per_chunk(
     for chunk in range(largest, 0, -FIT_CHUNK):
         if needed(min(chunk, covered_texels)) <= memory_limit:
             return min(chunk, covered_texels)
+    advice = "use a higher limit or a smaller {size}" if present < memory_limit else "use a higher limit"
     enough = (needed(min(FIT_CHUNK, covered_texels)) >> 20) + _VARIATION
     raise ArgumentError(
         "memory_limit",
-        f"is {memory_limit >> 20}M; {size} texels of this mesh need {enough}M; "
-        "use a higher limit or a smaller {size}",
+        f"is {format_bytes(memory_limit)}; {size} texels of this mesh need {enough}M; {advice}",
         "size",
     )
 
