@@ -57,6 +57,13 @@ class TexturedSurface:
         covered[CPURasterizer(build_layout(self.scene, self.atlas, width, height)).coverage().index] = True
         return covered.reshape(height, width)
 
+    def overlap(self) -> float:
+        """Return the share of the covered texels that lie inside two triangles; not those that instances share."""
+        owners = assign_roles(self.scene, self.options, share=True).parts
+        mapped = self.atlas.mapped & self.scene.per_face(part.uv_owner is None for part in owners)
+        height, width = self.picture.values.shape
+        return CPURasterizer(build_layout(self.scene, replace(self.atlas, mapped=mapped), width, height)).overlap()
+
 
 def misfit(scene: Scene, given: VerifyOptions) -> Misfit:
     """Return how badly a texture fits the parts that are to have one: 0 all show it, 1 some, 2 none.

@@ -35,6 +35,7 @@ from aoprecalc.raster.layout import build_layout
 from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
+from aoprecalc.uv.select import MAX_OVERLAP
 
 
 @dataclass(frozen=True)
@@ -283,6 +284,7 @@ def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
         *surface.scene.notes,
         *surface.scene.warnings,
         *surface.warnings,
+        *_warnings_on_overlap(surface),
         *_notes_on_rays(options),
         *notes_on_shared_uvs(surface.scene),
     ]
@@ -302,6 +304,15 @@ def notes_on_shared_uvs(scene: Scene) -> tuple[Note, ...]:
         return ()
     share = f"{counted(sharing, 'part')} {one_or_many(sharing, 'shares its', 'share their')} UVs with others"
     return (Note(f"{share}: differences in AO between them count as error"),)
+
+
+def _warnings_on_overlap(surface: TexturedSurface) -> list[str]:
+    """Warn that places of the surface share texels, so that no texture can be right."""
+    overlap = surface.overlap()
+    if overlap < MAX_OVERLAP:
+        return []
+    share = f"{overlap:.1%} of the texels lie inside two triangles: no texture can be right for both"
+    return [f"{share}; give the mesh other UVs, such as those of a bake"]
 
 
 def _notes_on_rays(options: VerifyOptions) -> list[Note]:
