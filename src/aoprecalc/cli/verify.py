@@ -51,19 +51,21 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
     if not report.passed:
         known = report.options_from is not None
-        advice = "" if known else ", or verify it with the --normals, --estimator, --two-sided and --ground of its bake"
+        others = "" if known else ", or verify it with the --normals, --estimator, --two-sided and --ground of its bake"
         raise AnswerError(
             f"{report.texture.path}: its RMS error is {report.error:.5f}, at most {options.tolerance:g} was "
-            f"allowed; bake it again{advice}"
+            f"allowed; bake it with a larger --size or more --directions{others}"
         )
 
 
 def _table(report: "VerifyReport") -> list[str]:
     """Lay out what was measured: a line for each mip level, and one for each of the worst points."""
     names = ("rmse", "bias", "p50", "p95", "p99", "max")
+    texture, mesh = report.texture.path, report.input.path
+    image = texture.removesuffix(f" of {mesh}")
+    measured = f"{texture} on {mesh}" if image == texture else f"{mesh}, its own texture ({image})"
     lines = [
-        f"{report.texture.path} on {report.input.path}: texture minus reference "
-        f"at {counted(report.points, 'point')} of {report.rays} rays",
+        f"{measured}: texture minus reference at {counted(report.points, 'point')} of {report.rays} rays",
         f"level{''.join(f'{name:>9}' for name in names)}",
     ]
     for level in report.levels:

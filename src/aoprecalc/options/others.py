@@ -95,7 +95,8 @@ class CompareOptions(Validated):
     The difference is, of textures, the root mean square of B - A over the texels that the surface covers, or over the
     whole picture where no mesh is known; of meshes, the greatest of the distances of positions over the diagonal, of
     UVs, of normals, and the difference of their textures; of sphere sets, the farthest pair of spheres over the
-    diagonal; of reports, that of the farthest two numbers.
+    diagonal; of reports, the largest relative difference of two
+    numbers.
     """
 
     tolerance: Annotated[float, _measurement(
