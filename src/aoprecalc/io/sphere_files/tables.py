@@ -14,7 +14,11 @@ from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.ply import ply_header
 from aoprecalc.io.formats.ply_table import read_table
 from aoprecalc.io.sphere_files.json_format import read_file
+from aoprecalc.options.fields import format_bytes
 from aoprecalc.types import Float64Array, SphereSet
+
+_MAX_SPHERES = 1_000_000  # in an archive, as in a fit
+_MAX_MEMBER = _MAX_SPHERES * 3 * 16 + 4096  # bytes: three of the widest numbers of NumPy each, and the header
 
 HEADER = ["x", "y", "z", "radius"]
 
@@ -74,6 +78,7 @@ def read_npz(path: Path) -> tuple[Float64Array, Float64Array]:
     """
     data = read_file(path)
     try:
+        _refuse_large_members(path, data)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = archive["centers"], archive["radii"]
     except KeyError as error:
@@ -85,6 +90,17 @@ def read_npz(path: Path) -> tuple[Float64Array, Float64Array]:
             raise InputError(f"{path}: holds an array of {array.dtype}, expected real numbers; write it anew")
     centers, radii = arrays
     return centers.astype(np.float64), radii.astype(np.float64)
+
+
+def _refuse_large_members(path: Path, data: bytes) -> None:
+    """Raise InputError where an array is larger, unpacked, than any set needs: a small archive can hold a huge one."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for member in archive.infolist():
+            if member.filename.removesuffix(".npy") in ("centers", "radii") and member.file_size > _MAX_MEMBER:
+                found = f"{path}: {member.filename} in it has {format_bytes(member.file_size)} when unpacked"
+                raise InputError(
+                    f"{found}; at most {format_bytes(_MAX_MEMBER)} was expected, for {_MAX_SPHERES} spheres"
+                )
 
 
 PROPERTIES = ("x", "y", "z", "radius")

@@ -6,6 +6,7 @@ renumbers what is left.
 
 import re
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,13 @@ def compact(document: Json) -> None:
 def check_references(path: Path, document: Json) -> None:
     """Raise InputError for a reference to a texture, image, sampler or buffer view that does not exist.
 
-    An entry that the bake adds would otherwise get that index.
+    An entry that the bake adds would otherwise get that index. So does one that is not a whole number, unless it is in
+    an extension that is not known.
     """
+    for names, holder, key in _scalars(document, ()):
+        kind, value = _kind(names), holder[key]
+        if kind is not None and type(value) is not int and not unknown_extensions(_extensions_in(names)):
+            raise damaged_file(path, f"it refers to entry {str(value)[:20]!r} of {kind}, a whole number was expected")
     for kind, found in _references(document).items():
         count = len(document.get(kind, []))
         for holder, key in found:
@@ -105,9 +111,9 @@ def _used(document: Json) -> dict[str, set[int]]:
 def _references(document: Json) -> dict[str, list[Reference]]:
     """Return all references to entries of each kind."""
     found: dict[str, list[Reference]] = {kind: [] for kind in KINDS}
-    for names, holder, key in _integers(document, ()):
+    for names, holder, key in _scalars(document, ()):
         kind = _kind(names)
-        if kind is not None:
+        if kind is not None and type(holder[key]) is int:  # not a boolean
             found[kind].append((holder, key))
     return found
 
@@ -129,14 +135,20 @@ def _kind(names: tuple[str, ...]) -> str | None:
     return None
 
 
-def _integers(value: Any, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Yield (names, holder, key) for every integer in a JSON value: the path of names to it, and where it is stored.
+def _extensions_in(names: tuple[str, ...]) -> list[str]:
+    """Return the extensions that a path of names leads through."""
+    return [name for before, name in pairwise(names) if before == "extensions"]
 
-    Integers in extras are left out: their meaning is unknown.
+
+def _scalars(value: Any, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    """Yield (names, holder, key) for every number or text in a JSON value: the path of names to it, and its place.
+
+    What is in extras is left out: its meaning is unknown.
     """
     for key, member in list(value.items() if isinstance(value, dict) else enumerate(value)):
         path = (*names, key) if isinstance(value, dict) else names
-        if type(member) is int:  # not a boolean
-            yield path, value, key
-        elif isinstance(member, dict | list) and key != "extras":
-            yield from _integers(member, path)
+        if not isinstance(member, dict | list):
+            if path:
+                yield path, value, key
+        elif key != "extras":
+            yield from _scalars(member, path)
