@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import aoprecalc as ao
 
@@ -19,3 +20,13 @@ def test_the_share_of_the_texels_is_told(scale, shift, share):
     warnings = ao.verify(mesh, np.ones((64, 64), np.float32), given).warnings
     expected = f"{share} of the texels lie inside two triangles: no texture can be right for both"
     assert [line.split(";")[0] for line in warnings] == ([expected] if share else [])
+
+
+def test_uvs_that_instances_share_are_a_note(tmp_path):
+    square = trimesh.Trimesh(SQUARE, FACES, process=False, visual=trimesh.visual.TextureVisuals(uv=SQUARE[:, :2]))
+    scene = trimesh.Scene({"square": square})
+    scene.graph.update("above", geometry="square", matrix=trimesh.transformations.translation_matrix([0, 0, 1]))
+    scene.export(tmp_path / "squares.glb")
+    report = ao.verify(tmp_path / "squares.glb", np.ones((64, 64), np.float32), ao.VerifyOptions(points=500, rays=64))
+    assert (report.input.triangles, report.warnings) == (4, ())
+    assert [line for line in report.notes if "its UVs with others" in line]
