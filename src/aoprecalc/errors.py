@@ -4,7 +4,7 @@ A message is one line: what was found, what was expected, what to do.
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from difflib import SequenceMatcher
 from typing import SupportsIndex
 
@@ -22,6 +22,12 @@ def counted(count: SupportsIndex, noun: str, plural: str = "") -> str:
     plural   of the noun; empty: with an s
     """
     return f"{count} {one_or_many(count, noun, plural or f'{noun}s')}"
+
+
+def listed_counts(counts: Sequence[int]) -> str:
+    """Return numbers as a text: 4, 8 and 16."""
+    *first, last = map(str, counts)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def one_or_many(count: SupportsIndex, one: str, many: str) -> str:

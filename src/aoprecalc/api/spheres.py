@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 
 from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import SphereQuality
-from aoprecalc.errors import ArgumentError, InputError
+from aoprecalc.errors import ArgumentError, InputError, listed_counts
 from aoprecalc.io import Outputs, load_scene, numbers, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
+from aoprecalc.io.sphere_files.files import read_levels
 from aoprecalc.options import SphereOptions, names_extensions
 from aoprecalc.progress import Progress, tell
 from aoprecalc.spheres import fit_sphere_set, measure_quality
@@ -271,7 +272,11 @@ def measure_sphere_file(
 
     Raises InputError where either file cannot be used.
     """
-    centers, radii = read_spheres(Path(spheres))
+    levels = read_levels(Path(spheres))
+    centers, radii = levels[-1]
+    if len(levels) > 1:
+        counts = listed_counts([len(level[1]) for level in levels])
+        progress.note(f"{spheres}: has levels of {counts} spheres; the finest is measured, {len(radii)} spheres")
     with progress.stage("load"):
         scene = load_scene(Path(mesh))
     quality = _measure(scene, centers, radii, options, progress)

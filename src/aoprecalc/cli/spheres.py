@@ -1,14 +1,18 @@
 """`aoprecalc spheres`."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.console import Console
 from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
-from aoprecalc.errors import UsageError, counted, option_name
+from aoprecalc.errors import UsageError, counted, listed_counts, one_or_many, option_name
 from aoprecalc.options import SphereOptions
+
+if TYPE_CHECKING:
+    from aoprecalc.api.reports import SphereQuality
+    from aoprecalc.types import SphereSet
 
 
 @click.command(
@@ -52,7 +56,10 @@ def spheres(mesh: str, **given: Any) -> None:
         options = SphereOptions(1, samples=given["samples"], seed=given["seed"])
         count, quality = measure_sphere_file(mesh, measured, options, console)
         figures = quality.to_dict()
-        click.echo(quality_document(count, figures) if as_json else _table(figures), nl=False)
+        if as_json:
+            click.echo(quality_document(count, figures), nl=False)
+            return
+        click.echo(f"{measured}  {counted(count, 'sphere')}\n{_summary(quality)}\n{_table(figures)}", nl=False)
         return
     paths, result = fit_spheres_file(mesh, output, options=take(SphereOptions, given), progress=console)
     if as_json:
@@ -63,10 +70,8 @@ def spheres(mesh: str, **given: Any) -> None:
     effort = f"{state} after {counted(fitted.iterations, 'iteration')}"
     if fitted.radius_rule == "own":
         effort = f"after {counted(fitted.iterations, 'step')}"
-    click.echo(f"{' + '.join(map(str, paths))}  {counted(len(fitted), 'sphere')}, {effort}")
-    parts = "" if quality.leak is None else f", leak {quality.leak:.3f}, spill {quality.spill:.3f}"
-    error = f"surface error {quality.surface_error_mean:.4f} of the diagonal"
-    click.echo(f"silhouette IoU {quality.silhouette_iou:.3f}{parts}; {error}")
+    click.echo(f"{' + '.join(map(str, paths))}  {_sizes(fitted)}, {effort}")
+    click.echo(_summary(quality))
 
 
 def _refuse_others(names: set[str]) -> None:
@@ -77,6 +82,42 @@ def _refuse_others(names: set[str]) -> None:
             raise UsageError(f"--measure fits nothing, but {option_name(name)} was given as well; omit one of them")
 
 
+def _sizes(spheres: "SphereSet") -> str:
+    """Return how many spheres there are, of each level."""
+    counts, level = [len(spheres)], spheres.coarser
+    while level is not None:
+        counts, level = [len(level), *counts], level.coarser
+    return f"{listed_counts(counts)} {one_or_many(counts[-1], 'sphere', 'spheres')}"
+
+
+def _summary(quality: "SphereQuality") -> str:
+    parts = "" if quality.leak is None else f", leak {quality.leak:.3f}, spill {quality.spill:.3f}"
+    error = f"surface error {quality.surface_error_mean:.4f} of the diagonal"
+    return f"silhouette IoU {quality.silhouette_iou:.3f}{parts}; {error}"
+
+
+# What each measure is, and its unit.
+MEASURES = {
+    "radius_min": "smallest radius, in the mesh's units",
+    "radius_mean": "mean radius, in the mesh's units",
+    "radius_max": "largest radius, in the mesh's units",
+    "radius_deviation": "standard deviation of the radii, in the mesh's units",
+    "inertia": "sum of squared distances, surface samples to nearest centres, over diagonal squared",
+    "surface_error_mean": "mean distance of the surface to the nearest sphere, over the diagonal",
+    "surface_error_p95": "95% of the surface is within this distance, over the diagonal",
+    "surface_error_max": "largest distance, over the diagonal",
+    "coverage": "share of the surface inside spheres, 0 to 1",
+    "silhouette_iou": "intersection over union of the silhouettes, 1 is best: mean of the views",
+    "silhouette_iou_min": "the same, of the worst view",
+    "leak": "mesh silhouette that spheres do not cover, over its area",
+    "spill": "sphere silhouette outside the mesh's, over the area of the mesh's",
+    "area_bias": "silhouette area of the spheres less the mesh's, over the mesh's",
+    "overlap": "mean number of spheres at a point inside them, at least 1",
+    "inside_volume": "volume of the spheres inside the mesh, over its volume",
+    "outside_volume": "volume of the spheres outside the mesh, over its volume",
+}
+
+
 def _table(quality: dict[str, float]) -> str:
-    """Return a line for each measure."""
-    return "".join(f"{name:20} {value:.6g}\n" for name, value in quality.items())
+    """Return a line for each measure: its name in reports, its value, what it is."""
+    return "".join(f"{name:20} {value:<11.6g}  {MEASURES[name]}\n" for name, value in quality.items())
