@@ -120,7 +120,7 @@ def test_a_broken_mesh_fails_the_bake_and_the_report_stays(job, project):
 def test_a_wrong_manifest_is_said_and_leaves_no_outputs(job, project):
     (project / "aoprecalc.toml").write_text("[bake]\nsizes = 3\n", encoding="utf-8")
     assert job.run("Bake") == 2
-    assert "sizes is not known" in job.said
+    assert "unknown key 'bake.sizes'; did you mean 'size'?" in job.said
     assert job.outputs == {}
 
 

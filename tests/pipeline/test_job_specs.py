@@ -101,10 +101,14 @@ def test_kinds_of_files_are_said_too():
 
 
 WRONG = {
-    "an option of no command": ({"sise": 9}, None, ["bake.sise is not known", "size", "directions"]),
-    "an option of the other": ({"radius": "mean"}, None, ["bake.radius is not known", "directions"]),
-    "the other way round": (None, {"directions": 64}, ["spheres.directions is not known", "samples"]),
-    "width and height, which are the size": ({"width": 64}, None, ["bake.width is not known", "size"]),
+    "an option of no command": ({"sise": 9}, None, ["unknown key 'bake.sise'; did you mean 'size'?"]),
+    "an option of the other": ({"radius": "mean"}, None, ["unknown key 'bake.radius'; expected one of", "directions"]),
+    "the other way round": (None, {"directions": 64}, ["unknown key 'spheres.directions'; expected one of", "samples"]),
+    "width and height, which are the size": (
+        {"width": 64},
+        None,
+        ["unknown key 'bake.width'; expected one of", "size"],
+    ),
     "a number for a switch": ({"two-sided": 1}, None, ["two-sided is 1", "true or false"]),
     "a text for a switch": ({"ground": "yes"}, None, ["ground is 'yes'", "true or false"]),
     "a number for verify": ({"verify": 1}, None, ["verify is 1", "true or false"]),
