@@ -87,7 +87,7 @@ def _in_code(text: str) -> str:
 # Manifests.
 
 
-TABLES = {"bake": ("BakeTable", BakeOptions), "spheres": ("SphereTable", SphereOptions)}
+TABLES = {"bake": ("BakeTable", BakeOptions), "spheres": ("SphereTable", SphereOptions)}  # schema and options of each
 # Keys that no options class has.
 OTHER_KEYS = {
     "output": "What is written, by its extension; of a list, each.",
@@ -97,11 +97,9 @@ OTHER_KEYS = {
 
 def keys(table_name: str) -> str:
     """Return the table of the keys of `[bake]` or `[spheres]`, in Markdown; what they mean is said with the options."""
-    definition = read("manifest")["$defs"][{"bake": "BakeTable", "spheres": "SphereTable"}[table_name]]
-    options = {
-        field.name: field for field in option_fields({"bake": BakeOptions, "spheres": SphereOptions}[table_name])
-    }
-    rows = []
+    name, kind = TABLES[table_name]
+    definition, rows = read("manifest")["$defs"][name], []
+    options = {field.name: field for field in option_fields(kind)}
     for key, value in definition["properties"].items():
         field = options.get(key.replace("-", "_"))
         link = f"{{option}}`{key} <aoprecalc {table_name} --{key}>`"

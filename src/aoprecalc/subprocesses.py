@@ -165,6 +165,7 @@ class DuplexChild:
             if not isinstance(answer := pickle.loads(data), str):
                 return answer
             on_step(step := answer)
+            limits.check(step)
 
     def close(self) -> None:
         """End the process and all that it has started."""

@@ -81,7 +81,7 @@ def test_without_any_way_to_opengl_nothing_is_tried_and_rays_are_traced(platform
 
     with open_backend(BakeOptions(), Heard()) as backend:
         assert backend.kind == "ray"
-    assert notes == [f"rays are traced instead of maps drawn: {expected}"]
+    assert notes == [f"tracing rays instead of drawing depth maps, as there is {expected}"]
 
 
 def test_a_size_beyond_the_renderer_is_refused_before_anything_is_unwrapped(monkeypatch):

@@ -99,10 +99,12 @@ def test_the_links_of_a_robot_are_where_its_joints_put_them(save):
 def test_the_frames_are_those_of_yourdfpy(save):
     import yourdfpy
 
-    path = save("arm.urdf", ROBOT.replace('rpy="0 0 1.5707963267948966"', 'rpy="0.3 -0.7 2"'))
+    turned = ROBOT.replace('rpy="0 0 1.5707963267948966"', 'rpy="0.3 -0.7 2"')
+    turned = turned.replace('<origin xyz="2 0 0"/>', '<origin xyz="2 0 0" rpy="-1 0.2 0.4"/>')
+    path = save("arm.urdf", turned.replace('hand"><collision>', 'hand"><collision><origin xyz="0.5 6 7"/>'))
     robot = yourdfpy.URDF.load(path)
     centers, _ = read_spheres(path)
-    at = [robot.get_transform("arm", "base") @ [1, 0, 0, 1], robot.get_transform("hand", "base") @ [0, 0, 0, 1]]
+    at = [robot.get_transform("arm", "base") @ [1, 0, 0, 1], robot.get_transform("hand", "base") @ [0.5, 6, 7, 1]]
     np.testing.assert_allclose(centers[1:], np.array(at)[:, :3], atol=1e-12)
 
 
@@ -164,6 +166,7 @@ BAD = [
     ("a.yml", "a: [", "cannot be read as YAML"),
     ("a.yml", "a: &a [1]\nb: *a", "has an alias"),
     ("a.yml", "[" * 2000, "cannot be read as YAML"),
+    *[("a.yml", f"a: !!{value}", "cannot be read as YAML") for value in ("bool foo", 'int ""', "timestamp foo")],
     ("a.yml", "{}", "holds no collision_spheres"),
     ("a.yml", "collision_spheres: spheres/franka.yml", "holds no collision_spheres"),
     ("a.yml", "collision_spheres: {}", "at least one sphere"),
@@ -182,7 +185,7 @@ BAD = [
     ("a.urdf", '<!DOCTYPE robot [<!ENTITY a "aaaa">]><robot>&a;</robot>', "document type or entities"),
     ("a.urdf", f"<robot><link name='a'>{SPHERE}</link><link name='b'/>{LOOP}</robot>", "joints form a circle"),
     ("a.urdf", f"<robot><link>{SPHERE.replace('1', 'one')}</link></robot>", "could not convert"),
-    ("a.urdf", f"<robot><link>{SPHERE.replace('radius', 'size')}</link></robot>", "radius"),
+    ("a.urdf", f"<robot><link>{SPHERE.replace('radius', 'size')}</link></robot>", "a sphere has no radius"),
     (
         "a.urdf",
         f"<robot><link>{SPHERE.replace('<geo', PAIR + '<geo')}</link></robot>",
@@ -196,6 +199,14 @@ BAD = [
     ("a.obj", "v 1 2 3\n", "no faces"),
     ("a.glb", "glTF", "a.glb"),
 ]
+
+
+def test_a_document_type_in_another_encoding_is_refused(tmp_path):
+    robot = f'<!DOCTYPE r [<!ENTITY a "1">]><robot><link>{SPHERE}</link></robot>'
+    for encoding in ("utf-16", "utf-16-le"):
+        (tmp_path / "a.urdf").write_bytes(robot.encode(encoding))
+        with pytest.raises(InputError, match="cannot be read as URDF"):
+            read_spheres(tmp_path / "a.urdf")
 
 
 @pytest.mark.parametrize(("name", "content", "message"), BAD)

@@ -132,10 +132,10 @@ def compare(
 ) -> CompareReport:
     """Compare two files of one kind: textures, meshes with their textures, sphere sets, or reports.
 
-    Of textures those texels decide that the surface covers, in A or in B; the report tells the whole picture beside
-    them. The surface is that of the mesh (``.obj``, ``.ply``, ``.gltf`` or ``.glb``) beside each texture that has its
-    stem. Where only one of them has a mesh, its texels count; where none has, the whole picture does, with padding and
-    fill, and a note says so. Where the meshes have different UVs, a warning says so.
+    For textures, only texels covered by the surface of A or B count; the report gives the figures of the whole picture
+    beside theirs. The surface is that of the mesh (``.obj``, ``.ply``, ``.gltf`` or ``.glb``) beside each texture that
+    has its stem. Where only one of them has a mesh, its texels count; where none has, the whole picture does, with
+    padding and fill, and a note says so. Where the meshes have different UVs, a warning says so.
 
     Parameters
     ----------

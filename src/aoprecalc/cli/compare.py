@@ -45,8 +45,8 @@ _MEANINGS = {
 def compare(a: str, b: str, **given: Any) -> None:
     """Compare a new result B with a reference A: equal, near (within the tolerance), or different.
 
-    Both are textures, meshes with their textures, sphere sets (such as .json .urdf), or reports (.json). Of textures
-    only the texels count that the surface covers in A or in B; the figures of the whole picture are printed too.
+    Both are textures, meshes with their textures, sphere sets (such as .json .urdf), or reports (.json). For
+    textures, only texels covered by the surface of A or B count; the figures of the whole picture are printed too.
     """
     from aoprecalc.api.compare import compare
     from aoprecalc.io.outputs import json_text

@@ -23,7 +23,7 @@ from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name
 
 EPILOG = (
-    "Of an option that is given twice the last one counts, unless its text says that it may be repeated. "
+    "If an option is given twice, the last one counts, unless its help says that it may be repeated. "
     "Exit codes: 0 done; 1 the work failed, verify or compare did not pass, or a mesh of a batch failed; "
     "2 wrong usage; 3 no renderer works; 4 the input mesh is unusable. "
     "A command that fails leaves no file behind; a verify or compare that does not pass keeps its report and pictures."

@@ -94,9 +94,9 @@ def with_folders(paths: Iterable[str]) -> list[str]:
 
 def neighbours(path: str) -> list[str]:
     """Return the meshes and folders, with /*, in the deepest folder of a path or pattern that exists."""
-    folder = Path(path).parent
-    while not folder.is_dir():
-        folder = folder.parent
+    folder = next((parent for parent in Path(path).parents if os.path.isdir(parent)), None)
+    if folder is None:
+        return []  # a drive of Windows that is not there
     try:
         entries = sorted(folder.iterdir())
     except OSError:

@@ -116,6 +116,8 @@ def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
 def _suffixes(output: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     """Return the extensions that an argument `output` names, each once; raises ArgumentError for anything else."""
     wanted = (output,) if isinstance(output, str) else tuple(output)
+    if not wanted:
+        raise ArgumentError("output", f"is empty; expected an extension, one of {', '.join(known)}")
     for suffix in wanted:
         if suffix not in known:
             found = f"is {suffix!r}; for the results of a batch an extension was expected, one of {', '.join(known)}"

@@ -278,7 +278,9 @@ def _read(file: Path) -> AssetRecord | None:
         if document["schema"] != SCHEMAS["batch record"]:
             return None
         inputs, outputs = InputFiles(_read_stamps(document["inputs"]["files"])), _read_stamps(document["outputs"])
-        if any(name != Path(name).name for name in outputs):  # these may be removed, so none may be elsewhere
+        if any(
+            name != Path(name).name or name in ("", "..") for name in outputs
+        ):  # these may be removed, so none may be elsewhere
             return None
         return AssetRecord(document["order"], inputs, outputs, document["summary"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):  # missing, damaged, or of another version

@@ -155,5 +155,5 @@ def ray_note() -> str:
     """Say that `auto` takes rays, why, and how to get what is faster."""
     problem, opengl = opengl_problem(), f"OpenGL {VERSION[0]}.{VERSION[1]}"
     if problem is not None:
-        return f"rays are traced instead of maps drawn: no {opengl}: {problem}"
+        return f"tracing rays instead of drawing depth maps, as there is no {opengl}: {problem}"
     return f"no {opengl}: rays are traced, which takes longer; `aoprecalc doctor` says how to get the faster way"

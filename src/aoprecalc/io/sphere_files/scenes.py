@@ -208,9 +208,12 @@ def read_urdf(path: Path) -> tuple[Float64Array, Float64Array]:
     """
     data = read_file(path)
     try:
-        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        text = data.decode("utf-8-sig")
+        if "\0" in text:
+            raise ValueError("it is not UTF-8")
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise ValueError("it declares a document type or entities, which are not read")
-        robot = ElementTree.fromstring(data)
+        robot = ElementTree.fromstring(text)
         if robot.tag != "robot":
             raise ValueError(f"its root is {robot.tag[:40]!a}, robot was expected")
         joints = {child.get("link", ""): joint for joint in robot.iter("joint") for child in joint.findall("child")}
@@ -244,6 +247,8 @@ def _link_spheres(link: ElementTree.Element, frame: Frame) -> Iterator[list[floa
         sphere = collision.find("geometry/sphere")
         if sphere is not None:
             _, offset = _origin(collision)
+            if "radius" not in sphere.attrib:
+                raise ValueError("a sphere has no radius")
             yield [*(frame[0] @ offset + frame[1]).tolist(), float(sphere.attrib["radius"])]
 
 

@@ -205,6 +205,6 @@ def _load_yaml(path: Path, data: bytes) -> Any:
 
     try:
         return yaml.load(data, Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except Exception as error:  # for some values PyYAML raises KeyError, IndexError, AttributeError
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: cannot be read as YAML ({reason}); mend the file") from error
