@@ -1,6 +1,7 @@
 """What files from strangers must not do: reach other files, servers or devices, or fill the memory."""
 
 import json
+import os
 import struct
 import zipfile
 import zlib
@@ -14,16 +15,32 @@ from PIL import Image
 
 from aoprecalc import SphereOptions, fit_spheres
 from aoprecalc.errors import InputError
-from aoprecalc.io import load_scene
-from aoprecalc.io.formats.builder import read_file
+from aoprecalc.io import load_scene, source_files
+from aoprecalc.io.formats.builder import file_beside, read_file
 from aoprecalc.io.formats.gltf.document import local_file
 from aoprecalc.io.images import MAX_SIDE, read_pixels
+from aoprecalc.io.meshes import input_files
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_spheres
 from aoprecalc.pipeline.state import FileStamp, StateFolder
 from gltf_kit.gltf_maker import data_uri
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
 FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+PLY = """ply
+format ascii 1.0
+comment TextureFile {}
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
 
 
 def triangle(**others):
@@ -42,6 +59,13 @@ def triangle(**others):
         "buffers": [{"byteLength": 36, "uri": data_uri(TRIANGLE, "application/octet-stream")}],
         **others,
     }
+
+
+def files_of(path):
+    """The files that a mesh refers to, by its reader and, before it is read, by a search."""
+    itself, *others = input_files(path, path.read_bytes())
+    assert source_files(load_scene(path)) == [itself, *others]
+    return others
 
 
 def save(folder, document):
@@ -78,14 +102,52 @@ def test_no_connection_is_opened(tmp_path, monkeypatch):
 
     monkeypatch.setattr("socket.socket", refuse)
     assert load_scene(save(tmp_path, triangle(images=[{"uri": "http://127.0.0.1/a.png"}]))).faces.shape == (1, 3)
-    (tmp_path / "a.obj").write_text(f"mtllib //127.0.0.1/a.mtl\n{FACE}", encoding="utf-8")
-    assert load_scene(tmp_path / "a.obj").faces.shape == (1, 3)
 
 
-def test_devices_and_pipes_are_not_read(tmp_path):
-    with pytest.raises(OSError, match="not a regular file"):
-        read_file(tmp_path)
-    assert FileStamp.of(tmp_path) == FileStamp(-1, None, "")
+SERVERS = [
+    *("".join((a, b, "server", a, "share", a, "a.mtl")) for a in "/\\" for b in "/\\"),
+    r"\??\UNC\server\s\a.mtl",
+]
+
+
+@pytest.mark.parametrize("name", [*SERVERS, "//server", r"\\.\COM1", "//?/C:/a.mtl", "a\0.mtl"], ids=ascii)
+def test_the_name_of_a_server_or_device_of_windows_names_no_file(name):
+    assert file_beside(Path("in"), name) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["a.mtl", "../b/a.mtl", "/home/a.mtl", "a//b.mtl", r"a\b.mtl", "\udce9.mtl", "C:/a.mtl"]
+)
+def test_any_other_path_names_a_file(name):
+    assert file_beside(Path("in"), name) == Path("in") / name
+
+
+@pytest.mark.parametrize("name", SERVERS)
+def test_no_mesh_has_files_on_servers(name, tmp_path):
+    image = name.replace(".mtl", ".png")
+    (tmp_path / "a.mtl").write_text(f"newmtl a\nmap_Kd {image}\nmap_Ka {image}\n", encoding="utf-8")
+    (tmp_path / "a.obj").write_text(f"mtllib {name}\nmtllib a.mtl\nusemtl a\n{FACE}", encoding="utf-8")
+    (tmp_path / "a.ply").write_text(PLY.format(image), encoding="utf-8")
+    assert files_of(tmp_path / "a.obj") == [tmp_path / "a.mtl"]
+    assert files_of(tmp_path / "a.ply") == []
+
+
+def test_an_obj_names_textures_by_absolute_paths_too(tmp_path):
+    image = tmp_path / "elsewhere" / "a.png"
+    (tmp_path / "a.mtl").write_text(f"newmtl a\nmap_Kd {image}\n", encoding="utf-8")
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\nusemtl a\n{FACE}", encoding="utf-8")
+    assert files_of(tmp_path / "a.obj") == [tmp_path / "a.mtl", image]
+
+
+def test_folders_devices_and_pipes_are_not_read(tmp_path):
+    paths = [tmp_path]
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        paths.append(tmp_path / "pipe")
+    for path in paths:
+        with pytest.raises(OSError, match="not a regular file"):
+            read_file(path)
+        assert FileStamp.of(path) == FileStamp(-1, None, "")
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no /dev/zero")

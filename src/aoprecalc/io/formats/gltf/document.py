@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.builder import damaged_file, read_file
+from aoprecalc.io.formats.builder import damaged_file, file_beside, read_file
 from aoprecalc.types import Float64Array
 
 Json = dict[str, Any]
@@ -75,9 +75,9 @@ def local_file(path: Path, uri: str) -> Path | None:
     """
     file = unquote(uri)
     scheme = re.match(r"[a-zA-Z][a-zA-Z0-9+.-]*:", uri)
-    if scheme or PureWindowsPath(file).anchor or re.search(r"[\0\ud800-\udfff]", file):
+    if scheme or PureWindowsPath(file).anchor or re.search(r"[\ud800-\udfff]", file):
         return None
-    return path.parent / file
+    return file_beside(path.parent, file)
 
 
 def _files(path: Path, document: Json) -> list[Path]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aoprecalc.io.formats.base import SourceMaterial
-from aoprecalc.io.formats.builder import read_file
+from aoprecalc.io.formats.builder import file_beside, read_file
 from aoprecalc.io.outputs import relative_path
 
 # Statements that name a texture file.
@@ -26,14 +26,17 @@ class MtlMaterial(SourceMaterial):
     ambient: Path | None = None
 
 
-def read_materials(folder: Path, libraries: Sequence[str]) -> dict[str, MtlMaterial]:
-    """Read the materials of the MTL files in a folder; a file that is missing or unreadable gives none."""
+def library_files(folder: Path, names: Iterable[str]) -> tuple[Path, ...]:
+    """Return the MTL files that an OBJ in a folder names, existing or not."""
+    return tuple(file for name in names if (file := file_beside(folder, name)) is not None)
+
+
+def read_materials(folder: Path, libraries: Sequence[Path]) -> dict[str, MtlMaterial]:
+    """Read the materials of the MTL files of an OBJ in a folder; a file that is missing or unreadable gives none."""
     materials: dict[str, MtlMaterial] = {}
     for library in libraries:
-        if library.startswith(("//", "\\\\")):  # Windows would ask a server that it names
-            continue
         try:
-            text = read_file(folder / library).decode("utf-8", "surrogateescape")
+            text = read_file(library).decode("utf-8", "surrogateescape")
         except (OSError, ValueError):
             continue
         name, lines = None, list[str]()
@@ -63,20 +66,20 @@ def names_texture(line: str) -> bool:
 def relocate_line(line: str, source: Path, target: Path) -> str:
     """Rewrite a line of an MTL beside `source` so that the file it names is found from beside `target`."""
     name = _file_name(_statement(line)[1]) if names_texture(line) else ""
-    file = source.parent / name.replace("\\", "/")
-    if not name or source.parent.resolve() == target.parent.resolve() or not os.path.isfile(file):
+    file = file_beside(source.parent, name.replace("\\", "/"))
+    if not name or file is None or source.parent.resolve() == target.parent.resolve() or not os.path.isfile(file):
         return line
     return line.removesuffix(name) + relative_path(file, target)
 
 
 def _material(folder: Path, name: str, lines: Sequence[str]) -> MtlMaterial:
-    color, textures = (1.0, 1.0, 1.0), dict[str, Path]()
+    color, textures = (1.0, 1.0, 1.0), dict[str, Path | None]()
     for line in lines:
         keyword, rest = _statement(line)
         if keyword == "Kd":
             color = _color(rest.split()) or color
         elif keyword.lower() in ("map_kd", "map_ka") and rest:
-            textures[keyword.lower()] = folder / _file_name(rest).replace("\\", "/")
+            textures[keyword.lower()] = file_beside(folder, _file_name(rest).replace("\\", "/"))
     return MtlMaterial(name, color, textures.get("map_kd"), tuple(lines), textures.get("map_ka"))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import PartSource, SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
-from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files, read_materials
+from aoprecalc.io.formats.obj.materials import MtlMaterial, library_files, material_files, read_materials
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles
 from aoprecalc.types import Float64Array, Int32Array, Scene
 
@@ -98,8 +98,8 @@ def read_obj(path: Path, data: bytes) -> Scene:
         pieces.append(MeshPiece(section.name, positions, position, _rows_at(normals, normal), uv_sets, section, names))
     if not pieces:
         pieces = [MeshPiece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
-    libraries = tuple(path.parent / library for library in lines.libraries)
-    materials = read_materials(path.parent, lines.libraries)
+    libraries = library_files(path.parent, lines.libraries)
+    materials = read_materials(path.parent, libraries)
     normals_complete = bool(
         (corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all()
     )
@@ -110,8 +110,8 @@ def read_obj(path: Path, data: bytes) -> Scene:
 def obj_files(path: Path, data: bytes) -> list[Path]:
     """Return the MTL files that an OBJ file of the given bytes names, and the textures that these name."""
     names = [name.decode("utf-8", "surrogateescape").strip() for name in _LIBRARY.findall(data)]
-    materials = read_materials(path.parent, names).values()
-    return [*(path.parent / name for name in names), *material_files(materials)]
+    libraries = library_files(path.parent, names)
+    return [*libraries, *material_files(read_materials(path.parent, libraries).values())]
 
 
 def statement(line: str) -> tuple[str, str, str]:
