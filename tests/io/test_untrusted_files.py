@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+import sys
 import zipfile
 import zlib
 from contextlib import suppress
@@ -244,6 +245,29 @@ def test_names_in_files_do_not_steer_the_terminal(tmp_path, command):
     done = command("bake", tmp_path / "a.obj", "-o", f"{tmp_path}/out/", "--size", "16", "-n", "64", "--backend", "ray")
     assert "[2Jname" in done.stderr
     assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_keys_of_reports_do_not_steer_the_terminal(tmp_path, command):
+    for name, value in (("a", 1), ("b", 2)):
+        report = {"schema": 1, "bell\x07": {"escape\x9b2J\nline": value}, "is\x9b": f"\x07{value}"}
+        (tmp_path / f"{name}.json").write_text(json.dumps(report), encoding="utf-8")
+    for words in ((), ("--json",)):
+        said = command("compare", tmp_path / "a.json", tmp_path / "b.json", *words).stdout
+        assert "2Jline" in said.replace("?", "").replace(r"\n", "")
+        assert not set(said) & {"\x07", "\x9b"}
+    assert json.loads(said)["details"]["differing"] == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such file names")
+def test_names_of_pictures_and_meshes_do_not_steer_the_terminal(tmp_path, command):
+    Image.new("RGB", (4, 4)).save(tmp_path / "bell\x07.png")
+    mesh = save(tmp_path, triangle(images=[{"uri": "bell%07.png"}]))
+    mesh.rename(tmp_path / "csi\x9b.gltf")
+    options = ("-o", f"{tmp_path}/out/", "--size", "16", "-n", "64", "--backend", "ray")
+    said = command("bake", tmp_path / "csi\x9b.gltf", *options).stdout
+    assert "csi?" in said
+    assert "bell?.png" in said
+    assert not set(said) & {"\x07", "\x9b"}
 
 
 @pytest.mark.parametrize("images", [5, {}, [1.5], [None], [{"uri": 5}], [{"uri": ["a.png"]}]], ids=repr)

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.console import Console
+from aoprecalc.cli.console import Console, say
 from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
 from aoprecalc.errors import counted
 from aoprecalc.options import BakeOptions
@@ -64,15 +64,15 @@ def bake(mesh: str, **given: Any) -> None:
         return
     texture_size = f"{report.texels.width} x {report.texels.height}"
     texture = f"texture inside {files.mesh}" if files.texture is None else files.texture
-    click.echo(f"{texture}  {texture_size}, mean AO {report.ao.mean:.3f}, {report.directions} directions")
+    say(f"{texture}  {texture_size}, mean AO {report.ao.mean:.3f}, {report.directions} directions")
     if options.target_error is not None and report.estimated_error is not None:
-        click.echo(f"estimated sampling error {report.estimated_error:.4f}")
+        say(f"estimated sampling error {report.estimated_error:.4f}")
     if report.verify is not None:
         error = report.verify.levels[0]
-        click.echo(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
+        say(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
     others = "".join(f" + {name}" for name in report.outputs.others)
-    click.echo(f"{files.mesh}{others}  {counted(report.input.triangles, 'triangle')}")
-    click.echo(_where(report))
+    say(f"{files.mesh}{others}  {counted(report.input.triangles, 'triangle')}")
+    say(_where(report))
 
 
 def _where(report: "BakeReport") -> str:

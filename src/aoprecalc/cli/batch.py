@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
-from aoprecalc.cli.console import annotate
+from aoprecalc.cli.console import annotate, say
 from aoprecalc.cli.options import DEFAULT_CACHE, FILE, Command, explained, option, options_of, output_options, take
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import AnswerError, StoppedError, UsageError, counted, one_or_many
@@ -124,7 +124,10 @@ def batch(
             write_json(outputs.path(paths["report"]), result.report.to_dict())
         if "junit" in paths:
             outputs.path(paths["junit"]).write_text(junit_text(result.results, result.report.seconds), encoding="utf-8")
-    click.echo(json_text(result.report.to_dict()) if as_json else "\n".join(table(result)), nl=not as_json)
+    if as_json:
+        click.echo(json_text(result.report.to_dict()), nl=False)
+    else:
+        say(*table(result))
     for entry in result.results:
         if entry.failure is not None and entry.status == "failed":
             annotate("error", entry.failure.message, file=entry.asset.mesh)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from aoprecalc.cli.console import say
 from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type
 from aoprecalc.errors import UsageError, counted
 from aoprecalc.options.fields import AGE, BYTES, format_bytes
@@ -77,4 +78,4 @@ def _print(report: "CacheReport", as_json: bool) -> None:
         return
     for verb, usage in (("holds", report.holds), ("removed", report.removed)):
         if usage is not None:
-            click.echo(f"{report.folder}  {verb} {counted(usage.entries, 'result')}, {format_bytes(usage.bytes)}")
+            say(f"{report.folder}  {verb} {counted(usage.entries, 'result')}, {format_bytes(usage.bytes)}")

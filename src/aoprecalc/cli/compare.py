@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.console import Console
+from aoprecalc.cli.console import Console, say
 from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import CompareOptions
@@ -55,7 +55,10 @@ def compare(a: str, b: str, **given: Any) -> None:
     outputs = {name: given.pop(name) for name in ("mesh", "picture", "report")}
     as_json = given.pop("as_json")
     report = compare(a, b, take(CompareOptions, given), **outputs, progress=console)
-    click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
+    if as_json:
+        click.echo(json_text(report.to_dict()), nl=False)
+    else:
+        say(*_table(report))
     if not report.passed:
         raise AnswerError(f"{b}: differs from {a}; if the change is meant, replace {a} by {b}")
 

@@ -1,4 +1,4 @@
-"""What commands print on stderr while they work: progress, notes, warnings, and annotations for GitHub workflows."""
+"""What commands print: results on stdout; progress, notes, warnings, annotations for GitHub workflows on stderr."""
 
 import os
 import re
@@ -28,6 +28,11 @@ def annotate(level: str, message: str, *, file: Path | None = None) -> None:
 def without_controls(text: str) -> str:
     """Return a text with ? for control characters: names in files may hold any, and steer a terminal."""
     return re.sub(r"[\x00-\x1f\x7f-\x9f]", "?", text)
+
+
+def say(*lines: str) -> None:
+    """Print lines of a result on stdout, which may hold names from files."""
+    click.echo("\n".join(map(without_controls, lines)))
 
 
 def _escaped(text: str) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.console import Console
+from aoprecalc.cli.console import Console, say
 from aoprecalc.cli.options import Command, output_options
 from aoprecalc.errors import AoprecalcError, RendererError
 
@@ -21,7 +21,10 @@ def doctor(*, quiet: bool, verbose: bool, as_json: bool) -> None:
     from aoprecalc.io.outputs import json_text
 
     report = doctor(progress=Console(quiet=quiet, verbose=verbose))
-    click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
+    if as_json:
+        click.echo(json_text(report.to_dict()), nl=False)
+    else:
+        say(*_table(report))
     if report.auto is None:
         # Without any renderer OpenGL and rays are the first two things to install.
         names = ", ".join(renderer.name for renderer in report.renderers)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from aoprecalc.cli.console import Console
+from aoprecalc.cli.console import Console, say
 from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
 from aoprecalc.errors import UsageError, counted, listed_counts, one_or_many, option_name
 from aoprecalc.options import SphereOptions
@@ -59,7 +59,7 @@ def spheres(mesh: str, **given: Any) -> None:
         if as_json:
             click.echo(quality_document(count, figures), nl=False)
             return
-        click.echo(f"{measured}  {counted(count, 'sphere')}\n{_summary(quality)}\n{_table(figures)}", nl=False)
+        say(f"{measured}  {counted(count, 'sphere')}", _summary(quality), *_table(figures))
         return
     paths, result = fit_spheres_file(mesh, output, options=take(SphereOptions, given), progress=console)
     if as_json:
@@ -70,8 +70,8 @@ def spheres(mesh: str, **given: Any) -> None:
     effort = f"{state} after {counted(fitted.iterations, 'iteration')}"
     if fitted.radius_rule == "own":
         effort = f"after {counted(fitted.iterations, 'step')}"
-    click.echo(f"{' + '.join(map(str, paths))}  {_sizes(fitted)}, {effort}")
-    click.echo(_summary(quality))
+    say(f"{' + '.join(map(str, paths))}  {_sizes(fitted)}, {effort}")
+    say(_summary(quality))
 
 
 def _refuse_others(names: set[str]) -> None:
@@ -118,6 +118,6 @@ MEASURES = {
 }
 
 
-def _table(quality: dict[str, float]) -> str:
+def _table(quality: dict[str, float]) -> list[str]:
     """Return a line for each measure: its name in reports, its value, what it is."""
-    return "".join(f"{name:20} {value:<11.6g}  {MEASURES[name]}\n" for name, value in quality.items())
+    return [f"{name:20} {value:<11.6g}  {MEASURES[name]}" for name, value in quality.items()]

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.console import Console
+from aoprecalc.cli.console import Console, say
 from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
 from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import VerifyOptions
@@ -48,7 +48,10 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     as_json = given.pop("as_json")
     options = take(VerifyOptions, given)
     report = verify(mesh, texture, options, **outputs, progress=console)
-    click.echo(json_text(report.to_dict()) if as_json else "\n".join(_table(report)), nl=not as_json)
+    if as_json:
+        click.echo(json_text(report.to_dict()), nl=False)
+    else:
+        say(*_table(report))
     if not report.passed:
         known = report.options_from is not None
         others = "" if known else ", or verify it with the --normals, --estimator, --two-sided and --ground of its bake"

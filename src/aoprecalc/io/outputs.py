@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import secrets
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, suppress
@@ -222,8 +223,9 @@ SCHEMAS = {
 
 
 def json_text(document: dict[str, Any]) -> str:
-    """Return a document as indented JSON; raises ValueError where a number is not finite."""
-    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    """Return a document as indented JSON without raw control characters; raises ValueError for numbers not finite."""
+    text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    return re.sub(r"[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
