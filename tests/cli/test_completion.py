@@ -58,7 +58,16 @@ def in_bash(line, folder, path):
     return found - left_to_bash, left_to_bash
 
 
-bash = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+def bash_version():
+    """The version of bash, (0, 0) where there is none."""
+    if sys.platform == "win32" or shutil.which("bash") is None:
+        return (0, 0)
+    program = "echo ${BASH_VERSINFO[0]} ${BASH_VERSINFO[1]}"
+    found = subprocess.run([shutil.which("bash"), "--norc", "-c", program], capture_output=True, text=True, check=True)
+    return tuple(map(int, found.stdout.split()))
+
+
+bash = pytest.mark.skipif(bash_version() < (4, 4), reason="bash 4.4 is not installed")
 
 
 @bash

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 import trimesh
@@ -80,10 +81,11 @@ def commands_in(block):
     return [line[2:] for line in lines if line.startswith("$ ")] or lines
 
 
+@pytest.mark.skipif(sys.platform == "win32" or shutil.which("bash") is None, reason="bash is not installed")
 @by_block("console")
 def test_console_lines_are_shell(block):
     lines = commands_in(block)
-    checked = subprocess.run(["bash", "-n"], input="\n".join(lines), capture_output=True, text=True)
+    checked = subprocess.run([shutil.which("bash"), "-n"], input="\n".join(lines), capture_output=True, text=True)
     assert checked.returncode == 0, f"{block.where}: {checked.stderr}"
 
 

@@ -11,6 +11,8 @@ VARIABLE = "_AOPRECALC_COMPLETE"  # by which the script asks for completions
 def completion(shell: str) -> None:
     """Print a script for SHELL that completes commands, options, their values, and files.
 
+    bash must be version 4.4 or later; that of macOS is older.
+
     \b
     bash    echo 'eval "$(aoprecalc completion bash)"' >> ~/.bashrc
     zsh     echo 'eval "$(aoprecalc completion zsh)"' >> ~/.zshrc
