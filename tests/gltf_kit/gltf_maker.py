@@ -20,6 +20,27 @@ def data_uri(data: bytes, kind: str) -> str:
     return f"data:{kind};base64," + base64.b64encode(data).decode()
 
 
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+
+
+def textured_triangle(**others):
+    """A glTF document of one triangle whose material shows image 0, with other members."""
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "color.png"}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": data_uri(TRIANGLE, "application/octet-stream")}],
+        **others,
+    }
+
+
 def png(pixels) -> bytes:
     """The (h, w), (h, w, 3) or (h, w, 4) bytes as a PNG."""
     file = io.BytesIO()

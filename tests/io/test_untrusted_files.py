@@ -9,7 +9,6 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
 import pytest
 import trimesh
 from PIL import Image
@@ -23,9 +22,8 @@ from aoprecalc.io.images import MAX_SIDE, read_pixels
 from aoprecalc.io.meshes import input_files
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_spheres
 from aoprecalc.pipeline.state import FileStamp, StateFolder
-from gltf_kit.gltf_maker import data_uri
+from gltf_kit.gltf_maker import TRIANGLE, textured_triangle
 
-TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
 FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 PLY = """ply
 format ascii 1.0
@@ -42,24 +40,6 @@ end_header
 0 1 0
 3 0 1 2
 """
-
-
-def triangle(**others):
-    """A glTF document of one triangle whose material shows image 0, with other members."""
-    return {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
-        "textures": [{"source": 0}],
-        "images": [{"uri": "color.png"}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36, "uri": data_uri(TRIANGLE, "application/octet-stream")}],
-        **others,
-    }
 
 
 def files_of(path):
@@ -92,7 +72,7 @@ def test_a_relative_uri_names_a_file(uri, file):
 
 def test_a_buffer_at_an_absolute_path_is_refused(tmp_path):
     (tmp_path / "a.bin").write_bytes(TRIANGLE)
-    path = save(tmp_path, triangle(buffers=[{"byteLength": 36, "uri": (tmp_path / "a.bin").as_posix()}]))
+    path = save(tmp_path, textured_triangle(buffers=[{"byteLength": 36, "uri": (tmp_path / "a.bin").as_posix()}]))
     with pytest.raises(InputError, match="a file beside it was expected"):
         load_scene(path)
 
@@ -102,7 +82,10 @@ def test_no_connection_is_opened(tmp_path, monkeypatch):
         raise AssertionError("a connection was opened")
 
     monkeypatch.setattr("socket.socket", refuse)
-    assert load_scene(save(tmp_path, triangle(images=[{"uri": "http://127.0.0.1/a.png"}]))).faces.shape == (1, 3)
+    assert load_scene(save(tmp_path, textured_triangle(images=[{"uri": "http://127.0.0.1/a.png"}]))).faces.shape == (
+        1,
+        3,
+    )
 
 
 SERVERS = [
@@ -261,7 +244,7 @@ def test_keys_of_reports_do_not_steer_the_terminal(tmp_path, command):
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such file names")
 def test_names_of_pictures_and_meshes_do_not_steer_the_terminal(tmp_path, command):
     Image.new("RGB", (4, 4)).save(tmp_path / "bell\x07.png")
-    mesh = save(tmp_path, triangle(images=[{"uri": "bell%07.png"}]))
+    mesh = save(tmp_path, textured_triangle(images=[{"uri": "bell%07.png"}]))
     mesh.rename(tmp_path / "csi\x9b.gltf")
     options = ("-o", f"{tmp_path}/out/", "--size", "16", "-n", "64", "--backend", "ray")
     said = command("bake", tmp_path / "csi\x9b.gltf", *options).stdout
@@ -272,7 +255,7 @@ def test_names_of_pictures_and_meshes_do_not_steer_the_terminal(tmp_path, comman
 
 @pytest.mark.parametrize("images", [5, {}, [1.5], [None], [{"uri": 5}], [{"uri": ["a.png"]}]], ids=repr)
 def test_lists_of_images_of_another_type_are_damage(images, tmp_path, command):
-    path = save(tmp_path, triangle(images=images))
+    path = save(tmp_path, textured_triangle(images=images))
     done = command("bake", path, "-o", f"{tmp_path}/out/", "--size", "32", "-n", "64", "--backend", "ray")
     assert done.returncode == 4
     assert "a list of images, each with a text as URI if any, was expected" in done.stderr

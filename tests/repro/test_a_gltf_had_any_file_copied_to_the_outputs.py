@@ -2,29 +2,14 @@
 
 import json
 
-import numpy as np
 import pytest
 
-from gltf_kit.gltf_maker import data_uri, png
-
-TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+from gltf_kit.gltf_maker import png, textured_triangle
 
 
 def bake(tmp_path, command, uri):
     """Bake a .gltf in a folder of its own whose material shows the image at a URI; returns its results and stderr."""
-    document = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
-        "textures": [{"source": 0}],
-        "images": [{"uri": uri}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36, "uri": data_uri(TRIANGLE, "application/octet-stream")}],
-    }
+    document = textured_triangle(images=[{"uri": uri}])
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "color.png").write_bytes(png([[0]]))
     (tmp_path / "in" / "color.tga").write_bytes(b"of a kind that glTF does not name")

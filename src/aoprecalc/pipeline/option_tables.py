@@ -44,6 +44,7 @@ def _type_of(field: OptionField) -> Any:
 def _extensions(known: tuple[str, ...], several: str) -> Any:
     """Return the type of a key `output`: an extension or a list of them; `several` says what a list may hold."""
     description = f"one of {', '.join(known)}, or a list of {several}"
+    # The types here and below are made at run time, for msgspec; mypy cannot read them.
     return Annotated[Literal[known] | list[Literal[known]], Meta(description=description)]  # type: ignore[valid-type]
 
 

@@ -197,7 +197,7 @@ def _load_yaml(path: Path, data: bytes) -> Any:
     """Return the document of a YAML file; aliases, which can make a small file huge, are refused."""
     import yaml
 
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.check_event(yaml.AliasEvent):
                 raise yaml.YAMLError("it has an alias (*name), which is not read")
