@@ -22,6 +22,7 @@ Float64Array = NDArray[np.float64]
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+UInt8Array = NDArray[np.uint8]
 Wrap = Literal["repeat", "mirror", "clamp"]
 
 REVERSED_WINDING = [0, 2, 1]  # order of a face's corners under a mirroring transform
@@ -298,6 +299,40 @@ class Baked:
     options: ValueOptions
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class BaseColor:
+    """The base colour of a part's material: `factor` times the texture, if any.
+
+    factor    (r, g, b), linear, in [0, 1]
+    texture   (height, width, 3) uint8 sRGB, row 0 at v = 1; None without one
+    uvs       (faces of the part, 3, 2) float64, v upwards, the texture repeats; None without a texture
+    """
+
+    factor: tuple[float, float, float]
+    texture: UInt8Array | None = None
+    uvs: Float64Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TexturedMesh:
+    """A mesh with its ambient-occlusion texture, as pictures show it.
+
+    scene         its positions, faces, parts and materials
+    normals       (f, 3, 3) float64: unit shading normals at the corners
+    uvs           (f, 3, 2) float64, v upwards; None without a texture
+    ao            (height, width) float32 in [0, 1], 1 is open, row 0 at v = 1; None without a texture
+    textured      (f,) bool: faces that the texture covers; the others are drawn as open
+    base_colors   one for each part of the scene, or none
+    """
+
+    scene: Scene
+    normals: Float64Array
+    uvs: Float64Array | None
+    ao: Float32Array | None
+    textured: BoolArray
+    base_colors: tuple[BaseColor, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

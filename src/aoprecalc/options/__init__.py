@@ -25,13 +25,25 @@ from aoprecalc.options.bake import (  # fmt: skip
     ValueOptions,
     VerifyOptions,
 )
-from aoprecalc.options.others import BatchOptions, CompareOptions, Init, Method, Radius, Ship, SphereOptions
+from aoprecalc.options.others import (  # fmt: skip
+    BatchOptions,
+    CompareOptions,
+    Init,
+    Method,
+    PreviewOptions,
+    Radius,
+    Shading,
+    Ship,
+    SphereOptions,
+    SpheresView,
+)
 
 __all__ = [
     "BAKED_MESH_EXTENSIONS", "IMAGE_EXTENSIONS", "LARGE_MESH", "MESH_EXTENSIONS", "SPHERE_EXTENSIONS", "Backend",
     "BakeOptions", "BatchOptions", "BitDepth", "CompareOptions", "Estimator", "Fill", "Init", "Instances",
-    "LightOptions", "Method", "Normals", "Pack", "Radius", "Sampling", "Ship", "SphereOptions", "Unwrap", "Up",
-    "ValueOptions", "VerifyOptions", "listed", "names_extensions", "with_extensions",
+    "LightOptions", "Method", "Normals", "Pack", "PreviewOptions", "Radius", "Sampling", "Shading", "Ship",
+    "SphereOptions", "SpheresView", "Unwrap", "Up", "ValueOptions", "VerifyOptions", "listed", "names_extensions",
+    "with_extensions",
 ]  # fmt: skip
 
 IMAGE_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg", ".tga", ".bmp")

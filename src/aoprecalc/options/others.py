@@ -1,21 +1,25 @@
-"""Options of `spheres`, `compare` and `batch`."""
+"""Options of `spheres`, `compare`, `preview` and `batch`."""
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import BYTES, LEVELS, Option, Validated, documented, option_field
+from aoprecalc.options.bake import Backend, ThreadsField, Up
+from aoprecalc.options.fields import BYTES, LEVELS, SIZE, Option, Validated, documented, option_field
 
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
 Method = Literal["lloyd", "algebraic", "shadow", "collision"]
 Ship = Literal["auto", "folder", "bytes"]
+Shading = Literal["ao", "clay", "material"]
+SpheresView = Literal["beside", "over"]
 
 _spheres = partial(Option, group="Spheres")
 _samples = partial(Option, group="Samples")
 _measurement = partial(Option, group="Measurement")
+_picture = partial(Option, group="Picture")
 _run = partial(Option, group="Run")
 _cache = partial(Option, group="Cache")
 _cluster = partial(Option, group="Cluster")
@@ -103,6 +107,54 @@ class CompareOptions(Validated):
         "Largest difference that passes; beyond it the exit code is 1.", range=(0, 1), metavar="E",
         more="The outputs stay. The default is less than an eye sees, and leaves room for another version of "
         "Mesa.")] = 0.005
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class PreviewOptions(Validated):
+    """How to draw a mesh with its ambient occlusion, and its spheres.
+
+    `size` sets `width` and `height`, and takes precedence over them.
+    """
+
+    width: Annotated[int, Option("Width of the picture.", range=(16, 8192), unit="pixels", part_of="size")] = 1200
+    height: Annotated[int, Option("Height of the picture.", range=(16, 8192), unit="pixels", part_of="size")] = 900
+    shading: Annotated[Shading, _picture(
+        "ao: clay darkened by the texture; clay: without it; material: the base colours with it.",
+        more="Meshes without a texture are drawn as clay.")] = "ao"
+    spheres_view: Annotated[SpheresView, _picture(
+        "Draw the spheres beside the mesh, or over it.")] = "beside"
+    ground: Annotated[bool, _picture(
+        "Compare the soft shadows on the ground: the mesh's own, and that of the spheres.",
+        more="Without spheres the mesh alone casts its shadow.")] = False
+    views: Annotated[int, _picture(
+        "Views from all around, in one contact sheet.", range=(1, 64))] = 1
+    turntable: Annotated[bool, _picture(
+        "Turn the mesh once: an animated .webp, or a folder of frames.")] = False
+    frames: Annotated[int, _picture("Frames of `turntable`.", range=(2, 720))] = 48
+    azimuth: Annotated[float, _picture(
+        "Angle of the camera around the upward axis; 0 is in front of the mesh.", range=(-360, 360), unit="degrees",
+        metavar="DEG")] = 24.0
+    elevation: Annotated[float, _picture(
+        "Angle of the camera above the ground.", range=(-90, 90), unit="degrees", metavar="DEG")] = 20.0
+    up: Annotated[Up, _picture("Axis that points up. auto: y; z for STL.")] = "auto"
+    backend: Annotated[Backend, _run("Draw in OpenGL (gl) or by rays (ray). auto: gl, else ray.")] = "auto"
+    threads: ThreadsField = 0
+    size: InitVar[Annotated[int | tuple[int, int] | None, _picture(
+        "Size of one view in pixels: one number for a square, or width and height.", range=(16, 8192), unit="pixels",
+        quantity=SIZE)]] = None
+
+    def __post_init__(self, size: int | tuple[int, int] | None) -> None:
+        """Check every value; raise ArgumentError where one is wrong."""
+        if size is not None:
+            width, height = option_field(PreviewOptions, "size").check(size)
+            object.__setattr__(self, "width", width)
+            object.__setattr__(self, "height", height)
+        super().__post_init__()
+        if self.turntable and self.views > 1:
+            raise ArgumentError("turntable", "and {views} both say which views to draw; use one of them", "views")
+        if not self.turntable and self.frames != PreviewOptions.frames:
+            raise ArgumentError("frames", "are those of a {turntable}; add it, or omit {frames}", "turntable", "frames")
 
 
 @documented
