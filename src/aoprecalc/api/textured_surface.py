@@ -1,20 +1,33 @@
-"""An occlusion texture on its mesh, for `verify` and `compare`: the faces that it covers, and how it was baked."""
+"""An occlusion texture on its mesh: the faces that it covers, and how it was baked.
 
+`verify` and `compare` measure it (TexturedSurface), pictures show it (MeshToDraw).
+"""
+
+import shlex
 from dataclasses import dataclass, replace
-from typing import Any
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from aoprecalc.errors import AoprecalcError, InputError, counted, one_or_many, option_name
-from aoprecalc.io import OcclusionTexture
-from aoprecalc.io.meshes import Misfit
-from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.roles import assign_roles, names_a_part
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError, counted, one_or_many, option_name
+from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, source_files, texture_values
+from aoprecalc.io.formats.base import output_uvs
+from aoprecalc.io.images import read_pixels
+from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, mesh_beside
+from aoprecalc.mesh.normals import face_normals, shading_normals
+from aoprecalc.mesh.roles import assign_roles, names_a_part, up_axis
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
+from aoprecalc.progress import Note, Progress, tell
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
-from aoprecalc.types import Atlas, BoolArray, Scene
+from aoprecalc.types import Atlas, Baked, BoolArray, Float64Array, Scene, TexturedMesh
+
+_GREY = 0.01  # mean difference of the channels of a picture up to which it may be ambient occlusion
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +148,137 @@ def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, tuple[str, .
         have, are = one_or_many(without, "has", "have"), one_or_many(without, "is", "are")
         warnings.append(f"{without} of {faces} {have} no UVs in the texture and {are} left out")
     return atlas_from_uvs(scene, picture.uvs, mapped), tuple(warnings)
+
+
+def find_texture(
+    mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None, options: VerifyOptions
+) -> OcclusionTexture:
+    """Return a texture of a mesh, with its UVs and the options of its bake: see `verify`."""
+    scene = mesh._scene
+    if isinstance(texture, str | PathLike):
+        return find_occlusion(scene, Path(texture))
+    if texture is not None:
+        return find_occlusion(scene, texture_values("texture", texture))
+    if mesh.ao is not None:
+        return replace(find_occlusion(scene, mesh.ao), options=mesh._options)
+    if not scene.format:
+        raise ArgumentError("texture", "is None and the mesh is not from a file; expected an array or a path")
+    return find_occlusion(scene, misfit=misfit(scene, options))
+
+
+# As pictures show it.
+
+
+@dataclass(frozen=True, eq=False)
+class MeshToDraw:
+    """A mesh with its texture as pictures show it, and where both come from.
+
+    mesh      the mesh; without a texture where it has none
+    name      stem of the names of files
+    texture   name of the texture; None without one
+    up        the axis that points up, x, y or z
+    files     that were read: no output may replace them
+    messages  notes and warnings for the user
+    """
+
+    mesh: TexturedMesh
+    name: str
+    texture: str | None
+    up: Literal["x", "y", "z"]
+    files: tuple[Path, ...] = ()
+    messages: tuple[str, ...] = ()
+
+
+def textured_mesh(
+    mesh: MeshLike | Baked,
+    texture: str | PathLike[str] | ArrayLike | None = None,
+    *,
+    progress: Progress | None = None,
+) -> TexturedMesh:
+    """Return a mesh with its texture as pictures show it; see `mesh_to_draw`, whose messages `progress` receives."""
+    found = mesh_to_draw(mesh, texture)
+    tell(progress or Progress(), found.messages)
+    return found.mesh
+
+
+def mesh_to_draw(mesh: MeshLike | Baked, texture: str | PathLike[str] | ArrayLike | None = None) -> MeshToDraw:
+    """Find the texture of a mesh, and return both as pictures show them.
+
+    mesh      a mesh, the path of its file or of the picture beside it, as a bake writes them, or a bake
+    texture   a picture or values (h, w), for any mesh with UVs; None: the mesh's own, else none and a note on how to
+              bake it. A picture with colours that the mesh refers to is no ambient occlusion, unless glTF says that
+              it is
+    Raises ArgumentError, UsageError and InputError as `verify` does.
+    """
+    if isinstance(mesh, Baked):
+        return _baked_to_draw(mesh)
+    if isinstance(mesh, str | PathLike) and Path(mesh).suffix.lower() in IMAGE_EXTENSIONS:
+        mesh, texture = _mesh_of(Path(mesh)), mesh if texture is None else texture
+    mesh = as_mesh(mesh)
+    scene = mesh._scene
+    try:
+        surface = TexturedSurface.of(scene, _own_or_given(mesh, texture), VerifyOptions())
+    except NoOcclusionError:
+        if texture is not None:
+            raise
+        return _without_texture(mesh)
+    picture = surface.picture
+    shown = TexturedMesh(
+        scene=surface.scene,
+        normals=_normals(surface.scene, surface.options),
+        uvs=np.where(np.isfinite(picture.uvs), picture.uvs, 0.0),
+        ao=picture.values,
+        textured=surface.atlas.mapped,
+    )
+    files = [*source_files(scene), *([] if picture.path is None else [picture.path])]
+    messages = (*scene.notes, *scene.warnings, *surface.warnings)
+    return MeshToDraw(shown, mesh.name, picture.name, up_axis(scene, surface.options), tuple(files), messages)
+
+
+def _mesh_of(picture: Path) -> Path:
+    """Return the mesh beside a picture, as a bake writes them; raises UsageError where there is none."""
+    if not picture.is_file():
+        raise InputError(f"{picture}: there is no such file, a mesh or its texture was expected; check the path")
+    mesh = mesh_beside(picture)
+    if mesh is None:
+        raise UsageError(f"{picture}: is a picture, and no mesh is beside it; name the mesh, and it with --texture")
+    return mesh
+
+
+def _own_or_given(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -> OcclusionTexture:
+    """Return the texture to show; raises NoOcclusionError where none is given and the mesh has none."""
+    if texture is None and mesh.ao is None and not mesh._scene.format:
+        raise NoOcclusionError(f"{mesh.name}: has no ambient occlusion; bake it")
+    picture = find_texture(mesh, texture, VerifyOptions())
+    stated = mesh._scene.format in ("gltf", "glb") or picture.options is not None
+    if texture is None and picture.path is not None and not stated and not _is_grey(picture.path):
+        raise NoOcclusionError(f"{picture.path}: has colours, so it is no ambient occlusion; bake {mesh.name}")
+    return picture
+
+
+def _is_grey(picture: Path) -> bool:
+    pixels = read_pixels(picture)[:, :, :3]
+    return float(np.ptp(pixels, axis=2).mean()) <= _GREY
+
+
+def _without_texture(mesh: Mesh) -> MeshToDraw:
+    scene = mesh._scene
+    bare = TexturedMesh(scene, _normals(scene, ValueOptions()), None, None, np.zeros(len(scene.faces), bool))
+    advice = "bake it first"
+    if scene.format:
+        advice = baked_copy(scene.path) or f"to bake it: aoprecalc bake {shlex.quote(str(scene.path))}"
+    note = Note(f"{scene.path}: has no ambient occlusion, it is drawn as clay; {advice}")
+    up, files = up_axis(scene, ValueOptions()), tuple(source_files(scene))
+    return MeshToDraw(bare, mesh.name, None, up, files, (*scene.notes, *scene.warnings, note))
+
+
+def _baked_to_draw(baked: Baked) -> MeshToDraw:
+    scene = baked.scene
+    uvs = output_uvs(scene, baked.atlas)
+    mesh = TexturedMesh(scene, baked.normals.astype(np.float64), uvs, baked.texture.values, scene.receives)
+    files = tuple(source_files(scene))
+    return MeshToDraw(mesh, scene.path.stem, "its bake", up_axis(scene, baked.options), files)
+
+
+def _normals(scene: Scene, options: ValueOptions) -> Float64Array:
+    return shading_normals(scene, options.normals, options.crease_angle).astype(np.float64)

@@ -8,18 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
+from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
-from aoprecalc.api.textured_surface import TexturedSurface, misfit
-from aoprecalc.errors import ArgumentError, UsageError, counted, one_or_many
+from aoprecalc.api.textured_surface import TexturedSurface, find_texture
+from aoprecalc.errors import UsageError, counted, one_or_many
 from aoprecalc.io import (
     IMAGE_EXTENSIONS,
-    OcclusionTexture,
     Outputs,
     choose_bit_depth,
-    find_occlusion,
     source_files,
-    texture_values,
     write_colors,
 )
 from aoprecalc.io.meshes import mesh_beside
@@ -184,7 +181,7 @@ def verify(
         with timer.stage("load"):
             _require_no_picture(mesh)
             mesh = as_mesh(mesh)
-            surface = TexturedSurface.of(mesh._scene, _read_texture(mesh, texture, options), options)
+            surface = TexturedSurface.of(mesh._scene, find_texture(mesh, texture, options), options)
         picture = surface.picture
         outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
         for key, path in paths.items():
@@ -255,22 +252,6 @@ def _require_no_picture(mesh: MeshLike) -> None:
     found = mesh_beside(path)
     advice = f"aoprecalc verify {shlex.quote(str(found))}" if found else "pass that, and the picture with --texture"
     raise UsageError(f"{path}: is a picture, verify takes its mesh: {advice}")
-
-
-def _read_texture(
-    mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None, options: VerifyOptions
-) -> OcclusionTexture:
-    """Return the texture to measure, with its UVs and the options of its bake."""
-    scene = mesh._scene
-    if isinstance(texture, str | PathLike):
-        return find_occlusion(scene, Path(texture))
-    if texture is not None:
-        return find_occlusion(scene, texture_values("texture", texture))
-    if mesh.ao is not None:
-        return replace(find_occlusion(scene, mesh.ao), options=mesh._options)
-    if not scene.format:
-        raise ArgumentError("texture", "is None and the mesh is not from a file; expected an array or a path")
-    return find_occlusion(scene, misfit=misfit(scene, options))
 
 
 def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:

@@ -280,7 +280,7 @@ def find_occlusion(
     """
     parts = [_scene_format(scene).occlusion_of(scene, part) for part in scene.parts]
     if all(part.uvs is None for part in parts):
-        advice = _baked_copy(scene.path) or "bake it, or export it with UVs"
+        advice = baked_copy(scene.path) or "bake it, or export it with UVs"
         raise NoOcclusionError(f"{scene.path}: has no UVs, which a texture needs; {advice}")
     sizes = [part.stop - part.start for part in scene.parts]
     uvs = np.concatenate(
@@ -334,14 +334,14 @@ def _choose(mesh: Path, images: Sequence[ImageSource], texture: Path | None) -> 
         same = (i for i in images if i.path is not None and os.path.realpath(i.path) == os.path.realpath(texture))
         return next(same, ImageSource(str(texture), texture))
     if not images:
-        advice = _baked_copy(mesh) or "pass one with --texture"
+        advice = baked_copy(mesh) or "pass one with --texture"
         raise NoOcclusionError(
             f"{mesh}: refers to no occlusion texture, and there is no {beside.name} beside it; {advice}"
         )
     return images[0]
 
 
-def _baked_copy(mesh: Path) -> str:
+def baked_copy(mesh: Path) -> str:
     """Return a question about the copy of a mesh that a bake has written beside it; empty where there is none."""
     baked = mesh_beside(mesh.with_name(f"{mesh.stem}_ao.png"))
     return "" if baked in (None, mesh) else f"did you mean {baked}?"
