@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import Float32Array, Float64Array, Int64Array, Wrap
+from aoprecalc.types import Float32Array, Float64Array, Int64Array, UInt8Array, Wrap
 
 _Float = TypeVar("_Float", np.float32, np.float64)
 
@@ -75,3 +75,41 @@ def _halve(image: Float32Array) -> Float32Array:
     row = np.arange(half)[:, None]
     sums = (half - row) * pairs[:, 0] + half * pairs[:, 1] + (row + 1) * image[2::2]
     return np.asarray(sums / count, np.float32)
+
+
+_MAX_BORDER = 0.5  # of the size of a texture, by which a clamped one is extended; farther away its look-ups differ
+
+
+def repeating_texture(
+    texture: UInt8Array, uvs: Float64Array, wraps: tuple[Wrap, Wrap]
+) -> tuple[UInt8Array, Float64Array]:
+    """Return a texture that repeats, and UVs in it, whose look-ups equal those of a texture with other wrap modes.
+
+    texture   (h, w, channels), row 0 at v = 1
+    uvs       (..., 2), v upwards
+    wraps     the wrap modes along u and v; a mirrored axis gets twice the texels, a clamped one a border
+    """
+    for axis, wrap in enumerate(wraps):
+        if wrap != "repeat" and uvs.size:
+            texture, coordinates = _repeating(texture, uvs[..., axis], 1 - axis, wrap)
+            uvs = np.stack([coordinates, uvs[..., 1]] if axis == 0 else [uvs[..., 0], coordinates], axis=-1)
+    return texture, uvs
+
+
+def _repeating(
+    texture: UInt8Array, coordinates: Float64Array, axis: int, wrap: Wrap
+) -> tuple[UInt8Array, Float64Array]:
+    """Do so along one axis of the texture: 1 with u, 0 with v, whose rows run downwards."""
+    size = texture.shape[axis]
+    low, high = float(coordinates.min()), float(coordinates.max())
+    if low >= 0.5 / size and high <= 1 - 0.5 / size:
+        return texture, coordinates
+    if wrap == "mirror":
+        other = np.flip(texture, axis)
+        return np.concatenate([other, texture] if axis == 0 else [texture, other], axis), coordinates / 2
+    low, high = max(low, -_MAX_BORDER), min(high, 1 + _MAX_BORDER)
+    before, after = (int(np.ceil(max(out, 0) * size)) + 1 for out in (-low, high - 1))
+    widths = [(0, 0)] * 3
+    widths[axis] = (after, before) if axis == 0 else (before, after)
+    moved = (coordinates.clip(low, high) * size + before) / (before + size + after)
+    return np.pad(texture, widths, mode="edge"), moved

@@ -303,16 +303,18 @@ class Baked:
 
 @dataclass(frozen=True, eq=False)
 class BaseColor:
-    """The base colour of a part's material: `factor` times the texture, if any.
+    """The base colour of a part's material: `factor` times the texture and the colours of the corners, if any.
 
     factor    (r, g, b), linear, in [0, 1]
     texture   (height, width, 3) uint8 sRGB, row 0 at v = 1; None without one
     uvs       (faces of the part, 3, 2) float64, v upwards, the texture repeats; None without a texture
+    corners   (faces of the part, 3, 3) float32, linear, in [0, 1]; None without vertex colours
     """
 
-    factor: tuple[float, float, float]
+    factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
     texture: UInt8Array | None = None
     uvs: Float64Array | None = None
+    corners: Float32Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,11 @@
 """Pictures are read as a renderer reads them."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 
-from aoprecalc.texture_lookup import bilinear, mip_chain
+from aoprecalc.texture_lookup import bilinear, bilinear_taps, mip_chain, repeating_texture
 
 
 def ramp(width, height):
@@ -54,3 +54,22 @@ def test_levels_are_two_by_two_means():
 def test_an_odd_row_is_shared_by_length():
     (level,) = mip_chain(np.array([[0, 0, 5, 0, 0]], np.float32), 2)[1:]
     assert level.tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize("wraps", list(product(["repeat", "mirror", "clamp"], repeat=2)))
+def test_a_repeating_texture_stands_for_every_wrap_mode(wraps):
+    """Against look-ups with the wrap modes themselves, at UVs on all sides of the texture."""
+    rng = np.random.default_rng(0)
+    texture = rng.integers(0, 256, (5, 7, 1), np.uint8)
+    uvs = rng.uniform(-0.5, 1.5, (200, 2))
+
+    def look_up(image, uvs, wraps):
+        height, width = image.shape
+        left, right, across = bilinear_taps(uvs[:, 0] * width, width, wraps[0])
+        above, below, down = bilinear_taps((1 - uvs[:, 1]) * height, height, wraps[1])
+        upper = image[above, left] * (1 - across) + image[above, right] * across
+        return upper * (1 - down) + (image[below, left] * (1 - across) + image[below, right] * across) * down
+
+    repeating, moved = repeating_texture(texture, uvs, wraps)
+    expected = look_up(texture[..., 0].astype(float), uvs, wraps)
+    assert np.allclose(look_up(repeating[..., 0].astype(float), moved, ("repeat", "repeat")), expected, atol=1e-9)

@@ -17,7 +17,7 @@ from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageErr
 from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, source_files, texture_values
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.images import read_pixels
-from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, mesh_beside
+from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, mesh_beside
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles, names_a_part, up_axis
 from aoprecalc.options import ValueOptions, VerifyOptions
@@ -176,6 +176,7 @@ class MeshToDraw:
     mesh      the mesh; without a texture where it has none
     name      stem of the names of files
     texture   name of the texture; None without one
+    picture   its file; None where it is in the mesh's file, in memory, or missing
     up        the axis that points up, x, y or z
     files     that were read: no output may replace them
     messages  notes and warnings for the user
@@ -184,6 +185,7 @@ class MeshToDraw:
     mesh: TexturedMesh
     name: str
     texture: str | None
+    picture: Path | None
     up: Literal["x", "y", "z"]
     files: tuple[Path, ...] = ()
     messages: tuple[str, ...] = ()
@@ -193,25 +195,32 @@ def textured_mesh(
     mesh: MeshLike | Baked,
     texture: str | PathLike[str] | ArrayLike | None = None,
     *,
+    colors: bool = False,
     progress: Progress | None = None,
 ) -> TexturedMesh:
     """Return a mesh with its texture as pictures show it; see `mesh_to_draw`, whose messages `progress` receives."""
-    found = mesh_to_draw(mesh, texture)
+    found = mesh_to_draw(mesh, texture, colors=colors)
     tell(progress or Progress(), found.messages)
     return found.mesh
 
 
-def mesh_to_draw(mesh: MeshLike | Baked, texture: str | PathLike[str] | ArrayLike | None = None) -> MeshToDraw:
+def mesh_to_draw(
+    mesh: MeshLike | Baked, texture: str | PathLike[str] | ArrayLike | None = None, *, colors: bool = False
+) -> MeshToDraw:
     """Find the texture of a mesh, and return both as pictures show them.
 
     mesh      a mesh, the path of its file or of the picture beside it, as a bake writes them, or a bake
     texture   a picture or values (h, w), for any mesh with UVs; None: the mesh's own, else none and a note on how to
               bake it. A picture with colours that the mesh refers to is no ambient occlusion, unless glTF says that
               it is
+    colors    decode the base colours of its materials, too
     Raises ArgumentError, UsageError and InputError as `verify` does.
     """
-    if isinstance(mesh, Baked):
-        return _baked_to_draw(mesh)
+    found = _baked_to_draw(mesh) if isinstance(mesh, Baked) else _find(mesh, texture)
+    return _with_colors(found) if colors else found
+
+
+def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> MeshToDraw:
     if isinstance(mesh, str | PathLike) and Path(mesh).suffix.lower() in IMAGE_EXTENSIONS:
         mesh, texture = _mesh_of(Path(mesh)), mesh if texture is None else texture
     mesh = as_mesh(mesh)
@@ -230,9 +239,18 @@ def mesh_to_draw(mesh: MeshLike | Baked, texture: str | PathLike[str] | ArrayLik
         ao=picture.values,
         textured=surface.atlas.mapped,
     )
-    files = [*source_files(scene), *([] if picture.path is None else [picture.path])]
     messages = (*scene.notes, *scene.warnings, *surface.warnings)
-    return MeshToDraw(shown, mesh.name, picture.name, up_axis(scene, surface.options), tuple(files), messages)
+    up = up_axis(scene, surface.options)
+    return MeshToDraw(shown, mesh.name, picture.name, picture.path, up, _files(scene, picture.path), messages)
+
+
+def _files(scene: Scene, texture: Path | None = None) -> tuple[Path, ...]:
+    return (*source_files(scene), *(() if texture is None else (texture,)))
+
+
+def _with_colors(found: MeshToDraw) -> MeshToDraw:
+    colors, warnings = base_colors(found.mesh.scene, found.picture)
+    return replace(found, mesh=replace(found.mesh, base_colors=colors), messages=(*found.messages, *warnings))
 
 
 def _mesh_of(picture: Path) -> Path:
@@ -268,16 +286,15 @@ def _without_texture(mesh: Mesh) -> MeshToDraw:
     if scene.format:
         advice = baked_copy(scene.path) or f"to bake it: aoprecalc bake {shlex.quote(str(scene.path))}"
     note = Note(f"{scene.path}: has no ambient occlusion, it is drawn as clay; {advice}")
-    up, files = up_axis(scene, ValueOptions()), tuple(source_files(scene))
-    return MeshToDraw(bare, mesh.name, None, up, files, (*scene.notes, *scene.warnings, note))
+    messages = (*scene.notes, *scene.warnings, note)
+    return MeshToDraw(bare, mesh.name, None, None, up_axis(scene, ValueOptions()), _files(scene), messages)
 
 
 def _baked_to_draw(baked: Baked) -> MeshToDraw:
     scene = baked.scene
     uvs = output_uvs(scene, baked.atlas)
     mesh = TexturedMesh(scene, baked.normals.astype(np.float64), uvs, baked.texture.values, scene.receives)
-    files = tuple(source_files(scene))
-    return MeshToDraw(mesh, scene.path.stem, "its bake", up_axis(scene, baked.options), files)
+    return MeshToDraw(mesh, scene.path.stem, "its bake", None, up_axis(scene, baked.options), _files(scene))
 
 
 def _normals(scene: Scene, options: ValueOptions) -> Float64Array:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, OutputError, UsageError
 from aoprecalc.options import BitDepth
-from aoprecalc.types import Float32Array
+from aoprecalc.types import Float32Array, UInt8Array
 
 Depth = Literal["8", "16", "half", "float"]
 
@@ -140,6 +140,23 @@ def read_pixels(path: str | PathLike[str]) -> Float32Array:
 
     Raises InputError where it is missing or cannot be read.
     """
+    return np.ascontiguousarray(_read(path, "float"), dtype=np.float32)
+
+
+def read_colors(path: str | PathLike[str]) -> UInt8Array:
+    """Return the colours of an image, (height, width, 3) uint8 as stored; raises InputError as `read_pixels` does."""
+    pixels = _read(path, "uint8")
+    return np.ascontiguousarray(pixels[:, :, :3] if pixels.shape[2] > 2 else pixels[:, :, :1].repeat(3, axis=2))
+
+
+def linear_from_srgb(values: NDArray[np.floating]) -> Float32Array:
+    """Return linear values, float32 in [0, 1], from sRGB in [0, 1] (IEC 61966-2-1)."""
+    values = np.clip(values, 0, 1)
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def _read(path: str | PathLike[str], kind: Literal["float", "uint8"]) -> NDArray[Any]:
+    """Read an image as (height, width, channels) of a type of OpenImageIO."""
     import OpenImageIO
 
     if Path(path).is_dir():
@@ -154,19 +171,22 @@ def read_pixels(path: str | PathLike[str]) -> Float32Array:
         raise InputError(
             f"{path}: has {width} x {height} pixels, at most {MAX_SIDE:,} a side were expected; scale it down"
         )
-    pixels = None if buffer.has_error else buffer.get_pixels("float")
+    pixels: NDArray[Any] | None = None if buffer.has_error else buffer.get_pixels(kind)
     if pixels is None or buffer.has_error:
         raise InputError(f"{path}: cannot be read as an image ({_reason(buffer)}); check the file or convert it to PNG")
-    return np.ascontiguousarray(pixels, dtype=np.float32)
+    return pixels
 
 
 def decode_pixels(data: bytes, name: str) -> Float32Array:
     """Read an image, as `read_pixels` does, from the bytes of its file; error messages call it `name`."""
-    with _as_file(data) as copy:
-        try:
-            return read_pixels(copy)
-        except InputError as error:
-            raise InputError(str(error).replace(str(copy), name)) from error
+    with _as_file(data, name) as copy:
+        return read_pixels(copy)
+
+
+def decode_colors(data: bytes, name: str) -> UInt8Array:
+    """Read an image, as `read_colors` does, from the bytes of its file; error messages call it `name`."""
+    with _as_file(data, name) as copy:
+        return read_colors(copy)
 
 
 def read_text(path: str | PathLike[str]) -> str:
@@ -195,11 +215,14 @@ def decode_text(data: bytes) -> str:
 
 
 @contextmanager
-def _as_file(data: bytes) -> Iterator[Path]:
+def _as_file(data: bytes, name: str = "image") -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "image.png"  # OpenImageIO goes by the content, not by the extension
         copy.write_bytes(data)
-        yield copy
+        try:
+            yield copy
+        except InputError as error:
+            raise InputError(str(error).replace(str(copy), name)) from error
 
 
 def _reason(source: Any) -> str:

@@ -3,7 +3,6 @@
 `FORMATS` lists the formats; everything else here looks them up by the extension of a path or by Scene.format.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -14,7 +13,7 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.baked_options import read_options
 from aoprecalc.io.formats.arrays import ArraysFormat
-from aoprecalc.io.formats.base import ImageSource, MeshFormat, MeshWithAo, WrittenMesh
+from aoprecalc.io.formats.base import ColorImages, ImageSource, MeshFormat, MeshWithAo, WrittenMesh, same_file
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat
@@ -22,7 +21,7 @@ from aoprecalc.io.formats.stl_off import OffFormat, StlFormat
 from aoprecalc.io.formats.trimesh_formats import ColladaFormat, ThreeMfFormat
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
-from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene
+from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Scene
 
 FORMATS: tuple[MeshFormat, ...] = (
     ObjFormat(),
@@ -205,7 +204,18 @@ def write_baked_mesh(
     return replace(written, messages=(*written.messages, *not_read))
 
 
-# The occlusion texture of a mesh.
+# The textures of a mesh.
+
+
+def base_colors(scene: Scene, occlusion: Path | None = None) -> tuple[tuple[BaseColor, ...], tuple[str, ...]]:
+    """Decode the base colours of a scene's parts, none where its format has none; return them and warnings.
+
+    occlusion   the ambient-occlusion texture, which is no base colour wherever the file refers to it
+    Textures that are missing or damaged are left out, with a warning. Raises InputError where the document is damaged.
+    """
+    images = ColorImages()
+    colors = _scene_format(scene).base_colors(scene, images, occlusion)
+    return colors, tuple(dict.fromkeys(images.warnings))
 
 
 def mesh_beside(texture: Path) -> Path | None:
@@ -227,7 +237,7 @@ def _refers_to(mesh: Path, texture: Path) -> bool:
         images = [_scene_format(scene).occlusion_of(scene, part).image for part in scene.parts]
     except Exception:  # of a damaged mesh, which is not the one
         return False
-    return any(image and image.path and os.path.realpath(image.path) == os.path.realpath(texture) for image in images)
+    return any(image and same_file(image.path, texture) for image in images)
 
 
 class NoOcclusionError(InputError):
@@ -331,7 +341,7 @@ def _choose(mesh: Path, images: Sequence[ImageSource], texture: Path | None) -> 
     if texture is None and not images and beside.is_file():
         texture = beside
     if texture is not None:
-        same = (i for i in images if i.path is not None and os.path.realpath(i.path) == os.path.realpath(texture))
+        same = (image for image in images if same_file(image.path, texture))
         return next(same, ImageSource(str(texture), texture))
     if not images:
         advice = baked_copy(mesh) or "pass one with --texture"

@@ -5,6 +5,7 @@ reads a file into a Scene and, where it can hold UVs, writes the Scene back with
 a bake. Formats do not import each other; they share data through `SourceDocument` and `PartSource`.
 """
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,11 +15,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from aoprecalc.errors import InputError
 from aoprecalc.io.formats.polygons import Polygons
-from aoprecalc.io.images import decode_pixels, decode_text, read_pixels, read_text
+from aoprecalc.io.images import decode_colors, decode_pixels, decode_text, read_colors, read_pixels, read_text
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
-from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
+from aoprecalc.types import REVERSED_WINDING, Atlas, BaseColor, Float32Array, Float64Array, Part, Scene, UInt8Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +87,18 @@ class ImageSource:
         """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""
         return np.ascontiguousarray(self.pixels()[:, :, 0])
 
+    def colors(self) -> UInt8Array:
+        """Return the colours as stored, (height, width, 3) uint8; raises InputError where it cannot be read."""
+        return decode_colors(self.data, self.name) if self.path is None else read_colors(self.path)
+
     def text(self) -> str:
         """Return the text of this program that the image carries; empty where there is none."""
         return decode_text(self.data) if self.path is None else read_text(self.path)
+
+
+def same_file(first: Path | None, second: Path | None) -> bool:
+    """Tell whether two paths, if any, are those of one file, existing or not."""
+    return first is not None and second is not None and os.path.realpath(first) == os.path.realpath(second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +116,32 @@ class PartOcclusion:
     uvs: Float64Array | None
     note: str = ""
     extras: object = None
+
+
+class ColorImages:
+    """The images of base colours, each decoded once.
+
+    warnings   for the user, about images that cannot be read
+    """
+
+    def __init__(self) -> None:
+        """Start without images."""
+        self._decoded: dict[ImageSource, UInt8Array | None] = {}
+        self.warnings: list[str] = []
+
+    def get(self, image: ImageSource) -> UInt8Array | None:
+        """Return the colours of an image, (height, width, 3) uint8; None, and a warning, where it cannot be read."""
+        if image not in self._decoded:
+            try:
+                self._decoded[image] = image.colors()
+            except InputError as error:
+                self._decoded[image] = None
+                self.warn(error)
+        return self._decoded[image]
+
+    def warn(self, error: InputError) -> None:
+        """Warn that a texture is missing or damaged."""
+        self.warnings.append(f"a base colour is drawn without its texture: {error}")
 
 
 class MeshFormat(ABC):
@@ -164,6 +201,14 @@ class MeshFormat(ABC):
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusion texture of a part, and its UVs; raises InputError where the document is damaged."""
         return PartOcclusion(None, first_uvs(scene, part))
+
+    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
+        """Return the base colour of each part as its file states it; none where the format has no colours.
+
+        images      decodes the textures
+        occlusion   the ambient-occlusion texture, which is no base colour wherever the file refers to it
+        """
+        return ()
 
     def losses(self, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
         """Return warnings about what the file at `path`, of this format, cannot hold of a scene."""

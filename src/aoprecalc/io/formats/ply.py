@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import (
+    ColorImages,
     ImageSource,
     MeshFormat,
     MeshWithAo,
@@ -24,16 +25,19 @@ from aoprecalc.io.formats.base import (
     WrittenMesh,
     first_uvs,
     output_uvs,
+    same_file,
     source_polygons,
 )
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file, file_beside
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
+from aoprecalc.io.images import linear_from_srgb
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
-from aoprecalc.types import Float64Array, Int64Array, Part, Scene
+from aoprecalc.types import BaseColor, Float32Array, Float64Array, Int64Array, Part, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+VERTEX_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 VERTEX_NORMALS = ("nx", "ny", "nz")
 FACE_LISTS = ("vertex_indices", "vertex_index")
 
@@ -313,6 +317,32 @@ class PlyFormat(MeshFormat):
         """Return the texture of the PLY."""
         path = _document(scene).texture
         return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
+
+    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
+        """Return the texture and the colours of the vertices, which count as sRGB."""
+        document = _document(scene)
+        texture = None
+        if document.texture is not None and scene.uvs is not None and not same_file(document.texture, occlusion):
+            texture = images.get(ImageSource(str(document.texture), document.texture))
+        colors = _vertex_colors(document.vertices)
+        return tuple(
+            BaseColor(
+                texture=texture,
+                uvs=None if texture is None else first_uvs(scene, part),
+                corners=None if colors is None else colors[part.vertices],
+            )
+            for part in scene.parts
+        )
+
+
+def _vertex_colors(columns: Columns) -> Float32Array | None:
+    """Return the linear colours of the vertices, (n, 3) float32; None where there are none."""
+    for names in VERTEX_COLORS:
+        if all(name in columns for name in names):
+            values = np.column_stack([columns[name] for name in names])
+            whole = values.dtype.kind == "u"
+            return linear_from_srgb(values / np.iinfo(values.dtype).max if whole else np.nan_to_num(values))
+    return None
 
 
 def _document(scene: Scene) -> PlyDocument:

@@ -1,16 +1,19 @@
 """glTF 2.0, as .gltf with its buffer and images beside it or as one .glb."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.base import ColorImages, MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
+from aoprecalc.io.formats.gltf.materials import base_color
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
-from aoprecalc.io.formats.gltf.reader import read_gltf
+from aoprecalc.io.formats.gltf.reader import part_primitive, read_gltf
 from aoprecalc.io.formats.gltf.writer import write_gltf
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.types import Part, Scene
+from aoprecalc.types import BaseColor, Part, Scene
 
 
 class GltfFormat(MeshFormat):
@@ -43,13 +46,28 @@ class GltfFormat(MeshFormat):
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusionTexture of the part's material."""
-        try:
+        with _damage_told(scene):
             return gltf_occlusion(_document(scene), part)
-        except AoprecalcError:
-            raise
-        except Exception as error:  # whatever a damaged document provokes
-            reason = f"its materials cannot be read ({type(error).__name__}: {error})"
-            raise damaged_file(scene.path, reason) from error
+
+    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
+        """Return base colour factor, texture and vertex colours of each part, or those of specular and glossiness."""
+        document = _document(scene)
+        with _damage_told(scene):
+            return tuple(
+                base_color(document, part_primitive(document, part), part.vertices, images) for part in scene.parts
+            )
+
+
+@contextmanager
+def _damage_told(scene: Scene) -> Iterator[None]:
+    """Raise an InputError for whatever a damaged document provokes."""
+    try:
+        yield
+    except AoprecalcError:
+        raise
+    except Exception as error:
+        reason = f"its materials cannot be read ({type(error).__name__}: {error})"
+        raise damaged_file(scene.path, reason) from error
 
 
 def _document(scene: Scene) -> GltfDocument:

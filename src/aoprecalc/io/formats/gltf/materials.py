@@ -1,4 +1,4 @@
-"""Textures and materials of a glTF document that is read: images, UV transforms, alpha masks, transparency."""
+"""Textures and materials of a glTF document that is read: images, UV transforms, alpha masks, transparency, colours."""
 
 from dataclasses import dataclass, replace
 
@@ -6,10 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import ImageSource
+from aoprecalc.io.formats.base import ColorImages, ImageSource
 from aoprecalc.io.formats.builder import check_indices, damaged_file
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, float_values, local_file, view_bytes
-from aoprecalc.types import REVERSED_WINDING, AlphaMask, Float32Array, Float64Array, Material, Wrap
+from aoprecalc.texture_lookup import repeating_texture
+from aoprecalc.types import (
+    REVERSED_WINDING,
+    AlphaMask,
+    BaseColor,
+    Float32Array,
+    Float64Array,
+    Material,
+    UInt8Array,
+    Wrap,
+)
 
 TRANSFORM = "KHR_texture_transform"
 
@@ -164,3 +174,46 @@ def mirrored_material(material: Material) -> Material:
         factors=material.alpha_mask.factors[:, REVERSED_WINDING],
     )
     return replace(material, alpha_mask=alpha_mask)
+
+
+SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
+
+
+def base_color(document: GltfDocument, primitive: Json, vertices: NDArray[np.int32], images: ColorImages) -> BaseColor:
+    """Return the base colour of a primitive whose corners are the (f, 3) vertices: texture, factor and vertex colours.
+
+    A texture that is missing or damaged is left out; `images` warns of it.
+    """
+    material = document.entry("materials", primitive["material"]) if "material" in primitive else {}
+    specular = material.get("extensions", {}).get(SPECULAR_GLOSSINESS)
+    if specular is None:
+        pbr = material.get("pbrMetallicRoughness", {})
+        factor, info = pbr.get("baseColorFactor"), pbr.get("baseColorTexture")
+    else:
+        factor, info = specular.get("diffuseFactor"), specular.get("diffuseTexture")
+    red, green, blue = (min(max(float(value), 0.0), 1.0) for value in (factor or (1, 1, 1))[:3])
+
+    def at_corners(name: str) -> Float64Array | None:
+        if name not in primitive["attributes"]:
+            return None
+        values = float_values(document, primitive["attributes"][name])
+        check_indices(document.path, vertices, len(values))
+        return values[vertices]
+
+    colors = at_corners("COLOR_0")
+    corners = None if colors is None else np.clip(colors[..., :3], 0, 1).astype(np.float32)
+    use = None if info is None else TextureUse.of(info)
+    uvs = None if use is None else at_corners(f"TEXCOORD_{use.texcoord}")
+    texture = None if use is None or uvs is None else _base_texture(document, use.index, images)
+    if use is None or uvs is None or texture is None:
+        return BaseColor((red, green, blue), corners=corners)
+    texture, uvs = repeating_texture(texture, use.transform(uvs), texture_wraps(document, use.index))
+    return BaseColor((red, green, blue), texture, uvs, corners)
+
+
+def _base_texture(document: GltfDocument, texture: int, images: ColorImages) -> UInt8Array | None:
+    try:
+        return images.get(texture_image(document, texture))
+    except InputError as error:  # there is no image
+        images.warn(error)
+        return None

@@ -14,7 +14,7 @@ from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
 from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_image, texture_wraps
-from aoprecalc.io.formats.gltf.reader import PrimitiveSource
+from aoprecalc.io.formats.gltf.reader import part_primitive
 from aoprecalc.io.images import png_bytes
 from aoprecalc.options import ValueOptions
 from aoprecalc.progress import Note
@@ -240,8 +240,7 @@ def gltf_occlusion(document: GltfDocument, part: Part) -> PartOcclusion:
 
     Raises InputError, KeyError or another exception where the document is damaged.
     """
-    assert isinstance(part.source, PrimitiveSource)  # the reader made it
-    primitive = document.entry("meshes", part.source.mesh)["primitives"][part.source.primitive]
+    primitive = part_primitive(document, part)
     material = document.entry("materials", primitive["material"]) if "material" in primitive else {}
     info: Json | None = material.get("occlusionTexture")
     if info is None:

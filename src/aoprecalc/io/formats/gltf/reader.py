@@ -115,6 +115,13 @@ class PrimitiveSource:
         return bool(np.linalg.det(self.linear.reshape(-1, 3, 3)[:1])[0] < 0)
 
 
+def part_primitive(document: GltfDocument, part: Part) -> Json:
+    """Return the primitive that a part comes from."""
+    assert isinstance(part.source, PrimitiveSource)  # the reader made it
+    primitive: Json = document.entry("meshes", part.source.mesh)["primitives"][part.source.primitive]
+    return primitive
+
+
 def read_gltf(path: Path, data: bytes) -> Scene:
     """Read a glTF or GLB file of the given bytes.
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from aoprecalc.io.formats.base import (
+    ColorImages,
     ImageSource,
     MeshFormat,
     MeshWithAo,
@@ -18,7 +19,7 @@ from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files
 from aoprecalc.io.formats.obj.reader import ObjDocument, obj_files, read_obj
 from aoprecalc.io.formats.obj.writer import write_obj
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.types import Atlas, Part, Scene
+from aoprecalc.types import Atlas, BaseColor, Part, Scene
 
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+-?[\d.]", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*f[ \t]+-?\d", re.MULTILINE)
@@ -71,6 +72,16 @@ class ObjFormat(MeshFormat):
         material: MtlMaterial | None = _document(scene).materials.get(material_use(part)[0] or "")
         path = None if material is None else material.ambient or material.texture
         return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
+
+    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
+        """Return Kd and map_Kd of each part's material."""
+        materials = _document(scene).materials
+        return tuple(
+            BaseColor()
+            if (material := materials.get(material_use(part)[0] or "")) is None
+            else material.base_color(first_uvs(scene, part), images, occlusion)
+            for part in scene.parts
+        )
 
 
 def _document(scene: Scene) -> ObjDocument:

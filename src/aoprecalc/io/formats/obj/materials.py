@@ -6,9 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from aoprecalc.io.formats.base import SourceMaterial
+import numpy as np
+
+from aoprecalc.io.formats.base import ColorImages, ImageSource, SourceMaterial, same_file
 from aoprecalc.io.formats.builder import file_beside, read_file
+from aoprecalc.io.images import linear_from_srgb
 from aoprecalc.io.outputs import relative_path
+from aoprecalc.types import BaseColor, Float64Array
 
 # Statements that name a texture file.
 _MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
@@ -24,6 +28,19 @@ class MtlMaterial(SourceMaterial):
 
     lines: tuple[str, ...] = ()
     ambient: Path | None = None
+
+    def base_color(self, uvs: Float64Array | None, images: ColorImages, occlusion: Path | None) -> BaseColor:
+        """Return Kd, which counts as sRGB, times map_Kd at the UVs of a part, unless that is the ambient occlusion.
+
+        A texture with a black Kd, as some programs write, counts alone.
+        """
+        red, green, blue = linear_from_srgb(np.array(self.color)).tolist()
+        if self.texture is None or same_file(self.texture, occlusion) or uvs is None:
+            return BaseColor((red, green, blue))
+        texture = images.get(ImageSource(str(self.texture), self.texture))
+        if texture is None:
+            return BaseColor((red, green, blue))
+        return BaseColor((red, green, blue) if any(self.color) else (1.0, 1.0, 1.0), texture, uvs)
 
 
 def library_files(folder: Path, names: Iterable[str]) -> tuple[Path, ...]:
