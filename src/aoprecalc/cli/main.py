@@ -1,4 +1,4 @@
-"""`aoprecalc`: the group of commands. Errors become messages and exit codes here."""
+"""`aoprecalc`: the group of commands, and `completion`. Errors become messages and exit codes here."""
 
 import re
 import signal
@@ -8,19 +8,21 @@ from io import TextIOWrapper
 from typing import Any
 
 import click
+from click.shell_completion import get_completion_class
 
 from aoprecalc import __version__
 from aoprecalc.cli.bake import bake
 from aoprecalc.cli.batch import batch
 from aoprecalc.cli.cache import cache
 from aoprecalc.cli.compare import compare
-from aoprecalc.cli.completion import VARIABLE, completion
 from aoprecalc.cli.console import annotate, without_controls
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.options import explained
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name
+
+VARIABLE = "_AOPRECALC_COMPLETE"  # by which the script of `completion` asks for completions
 
 EPILOG = (
     "If an option is given twice, the last one counts, unless its help says that it may be repeated. "
@@ -97,6 +99,23 @@ def main() -> None:
 
     Needs neither a GPU nor a display.
     """
+
+
+@click.command(short_help="Print the script that completes command lines in bash, zsh or fish.")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print a script for SHELL that completes commands, options, their values, and files.
+
+    bash must be version 4.4 or later; that of macOS is older.
+
+    \b
+    bash    echo 'eval "$(aoprecalc completion bash)"' >> ~/.bashrc
+    zsh     echo 'eval "$(aoprecalc completion zsh)"' >> ~/.zshrc
+    fish    aoprecalc completion fish > ~/.config/fish/completions/aoprecalc.fish
+    """  # noqa: D301
+    kind = get_completion_class(shell)
+    assert kind is not None  # click has all three
+    click.echo(kind(click.get_current_context().find_root().command, {}, "aoprecalc", VARIABLE).source())
 
 
 for command in (bake, batch, cache, spheres, verify, compare, doctor, completion):
