@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.alpha_texture import AlphaTexture
+from aoprecalc.texture_lookup import AlphaTexture
 from aoprecalc.types import AlphaMask, BoolArray, Float64Array, Int32Array, Int64Array, Scene
 
 EPSILON = 1e-12  # a length or an area that counts as none
