@@ -16,8 +16,7 @@ from aoprecalc.io import find_occlusion, load_scene
 from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.sampling import SurfacePoints, sample_surface
 from aoprecalc.mesh.topology import face_components
-from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level
-from aoprecalc.metrics.reference import reference_ao
+from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level, reference_ao
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer

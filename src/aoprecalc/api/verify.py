@@ -23,8 +23,13 @@ from aoprecalc.io.meshes import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.sampling import sample_surface
-from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
-from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
+from aoprecalc.metrics.errors import (
+    TextureErrors,
+    errors_per_mip_level,
+    reference_ao,
+    stratified_ray_count,
+    worst_points,
+)
 from aoprecalc.options import Estimator, ValueOptions, VerifyOptions
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer

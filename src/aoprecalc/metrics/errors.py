@@ -1,14 +1,22 @@
-"""Errors of an ambient-occlusion texture against reference values at surface points."""
+"""Errors of an ambient-occlusion texture against ray tracing at surface points (*Précalcul*, equation 1.1.1.1)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from aoprecalc.mesh.sampling import SurfacePoints
+from aoprecalc.mesh.unit_sphere import NormalizedSurface
+from aoprecalc.options import Estimator, VerifyOptions
+from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear, mip_chain
-from aoprecalc.types import Float32Array, Float64Array
+from aoprecalc.types import Float32Array, Float64Array, Scene
+from aoprecalc.visibility.directions import orthonormal_basis
+from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster
 
 MIP_LEVELS = 5
 _MIN_SEPARATION = 0.01  # of two of the worst points, / bounding box diagonal
+_RAYS_PER_CHUNK = 1 << 20  # cast at once: about 60 MB
 
 
 @dataclass(frozen=True)
@@ -117,3 +125,88 @@ def worst_points(
         points.append(WorstPoint((x, y, z), (u, v), float(values[worst]), float(reference[worst])))
         remaining[np.linalg.norm(positions - positions[worst], axis=1) <= _MIN_SEPARATION * diagonal] = 0
     return tuple(points)
+
+
+# The reference, by ray tracing.
+
+
+def stratified_ray_count(rays: int) -> int:
+    """Return the next square number: rays are stratified in a square grid."""
+    return (math.isqrt(rays - 1) + 1) ** 2
+
+
+def reference_ao(
+    scene: Scene,
+    shading: Float32Array,
+    points: SurfacePoints,
+    options: VerifyOptions,
+    progress: Progress,
+    estimator: Estimator = "ratio",
+) -> Float64Array:
+    """Compute the ambient occlusion at surface points, (k,) float64 in [0, 1].
+
+    shading   (f, 3, 3) float32, unit normals at the corners
+    options   `rays`, `seed` and `threads` are used
+
+    Rays w are distributed by their cosine with the interpolated shading normal n. Estimator ratio: the visible fraction
+    of the rays above the geometric horizon, g.w > 0 with the face normal g; mean: the number of these visible rays /
+    the number of all rays. If n opposes g, g replaces it. Two-sided faces have the maximum of both sides' values.
+    Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
+    """
+    surface = NormalizedSurface.from_scene(scene, shading)
+    occluders = RayCaster(surface.occluders, options.threads)
+    positions, normals, geometric = surface.interpolate(points.faces, points.weights)
+    values = _one_side(surface, occluders, (positions, normals, geometric), options, estimator, progress)
+    two_sided = np.flatnonzero(scene.two_sided[points.faces])
+    behind = positions[two_sided], -normals[two_sided], -geometric[two_sided]
+    back = _one_side(surface, occluders, behind, options, estimator, Progress())
+    values[two_sided] = np.maximum(values[two_sided], back)
+    return values
+
+
+def _one_side(
+    surface: NormalizedSurface,
+    occluders: RayCaster,
+    points: tuple[Float64Array, Float64Array, Float64Array],
+    options: VerifyOptions,
+    estimator: Estimator,
+    progress: Progress,
+) -> Float64Array:
+    """Return the values of points on one side: their positions, shading normals and face normals, (k, 3) each."""
+    positions, normals, geometric = points
+    rays = stratified_ray_count(options.rays)
+    rng = np.random.default_rng(options.seed)
+    values = np.empty(len(positions))
+    chunk_size = max(1, _RAYS_PER_CHUNK // rays)
+    for start in range(0, len(positions), chunk_size):
+        chunk = slice(start, start + chunk_size)
+        upward = geometric[chunk].astype(np.float32)
+        directions = _cosine_directions(normals[chunk], rays, rng)
+        above_horizon = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
+        origins = np.repeat((positions[chunk] + RAY_OFFSET * geometric[chunk]).astype(np.float32), rays, axis=0)
+        occluded = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
+        visible = above_horizon & ~occluded & ~surface.is_below_ground(directions)
+        values[chunk] = _estimate(visible.sum(axis=1), above_horizon.sum(axis=1), rays, estimator)
+        progress.advance(len(upward))
+    return values
+
+
+def _estimate(visible: Float64Array, above_horizon: Float64Array, rays: int, estimator: Estimator) -> Float64Array:
+    return visible / rays if estimator == "mean" else visible / np.maximum(above_horizon, 1)
+
+
+def _cosine_directions(normals: Float64Array, rays: int, rng: np.random.Generator) -> Float32Array:
+    """Sample unit directions with density cos / pi about m normals, (m, rays, 3), stratified in a square grid.
+
+    Points uniform on the unit disc are projected up onto the hemisphere (Malley's method).
+    """
+    side = math.isqrt(rays)
+    ring, sector = np.divmod(np.arange(rays, dtype=np.float32), np.float32(side))
+    sin_squared = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)
+    azimuth = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
+    radius = np.sqrt(sin_squared)
+    bases = np.stack([*orthonormal_basis(normals), normals], axis=1)
+    cos = np.sqrt(np.maximum(1 - sin_squared, 0))
+    local = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), cos], axis=2)
+    directions: Float32Array = np.matmul(local, bases.astype(np.float32))
+    return directions
