@@ -13,7 +13,7 @@ import pytest
 
 from aoprecalc.cli import main
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.uv import select
+from aoprecalc.uv import unwrap as select
 from shapes import MESHES
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a shell; programs would inherit it

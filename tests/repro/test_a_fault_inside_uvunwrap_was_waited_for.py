@@ -8,8 +8,7 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.uv.select import choose_atlas
-from aoprecalc.uv.unwrap import _CHILDREN
+from aoprecalc.uv.unwrap import _CHILDREN, choose_atlas
 from shapes import box, scene
 
 PANIC = """import sys, time
@@ -21,7 +20,7 @@ time.sleep(600)"""
 @pytest.fixture(autouse=True)
 def panic(monkeypatch):
     monkeypatch.setitem(_CHILDREN, "uvunwrap", [sys.executable, "-c", PANIC])
-    monkeypatch.setattr("aoprecalc.uv.select.LARGE_MESH", 10)
+    monkeypatch.setattr("aoprecalc.uv.unwrap.LARGE_MESH", 10)
 
 
 def choose(unwrap):

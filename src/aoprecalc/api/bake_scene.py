@@ -27,8 +27,7 @@ from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
-from aoprecalc.uv.select import MAX_OVERLAP, choose_atlas
-from aoprecalc.uv.unwrap import first_unsafe_mip, needs_uvs
+from aoprecalc.uv.unwrap import MAX_OVERLAP, choose_atlas, first_unsafe_mip, needs_uvs
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
