@@ -13,7 +13,7 @@ import pytest
 
 from aoprecalc.cli import main
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.uv import unwrap as select
+from aoprecalc.uv import unwrap as unwrapping
 from shapes import MESHES
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a shell; programs would inherit it
@@ -36,7 +36,7 @@ ATLASES = {}
 @pytest.fixture(scope="module", autouse=True)
 def unwrap_each_mesh_once():
     """Give bakes in this process the UVs that an earlier one got for the same mesh: each unwrap starts a process."""
-    unwrap = select.unwrap
+    unwrap = unwrapping.unwrap
 
     def remembered(scene, *settings, **more):
         more_settings = [value for value in more.values() if not callable(value)]
@@ -48,7 +48,7 @@ def unwrap_each_mesh_once():
         return ATLASES[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(select, "unwrap", remembered)
+        patch.setattr(unwrapping, "unwrap", remembered)
         yield
 
 

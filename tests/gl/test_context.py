@@ -11,7 +11,7 @@ from aoprecalc.errors import RendererError, UsageError
 from aoprecalc.gl import context
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.uv import select as choose
+from aoprecalc.uv import unwrap as unwrapping
 from aoprecalc.visibility.backend import open_backend
 from shapes import scene, torus
 
@@ -85,7 +85,7 @@ def test_without_any_way_to_opengl_nothing_is_tried_and_rays_are_traced(platform
 
 
 def test_a_size_beyond_the_renderer_is_refused_before_anything_is_unwrapped(monkeypatch):
-    monkeypatch.setattr(choose, "unwrap", lambda *given: pytest.fail("unwrapped"))
+    monkeypatch.setattr(unwrapping, "unwrap", lambda *given: pytest.fail("unwrapped"))
     with context.open_renderer() as renderer:
         limit = renderer.context.info["GL_MAX_TEXTURE_SIZE"]
     with pytest.raises(UsageError, match=f"at most {limit} was expected"):

@@ -10,8 +10,7 @@ import pytest
 import aoprecalc as ao
 from aoprecalc.api.bake import bake_file
 from aoprecalc.io import find_occlusion, load_scene, read_image, write_image
-from aoprecalc.io.baked_options import options_text, read_options
-from aoprecalc.io.images import MAX_TEXT, png_bytes, read_pixels, read_text
+from aoprecalc.io.images import MAX_TEXT, options_text, png_bytes, read_options, read_pixels, read_text
 from aoprecalc.options import ValueOptions
 from gltf_kit.gltf_validator import needs_validator, new_issues
 

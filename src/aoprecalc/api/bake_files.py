@@ -18,8 +18,7 @@ from aoprecalc.io import (
     write_baked_mesh,
     write_image,
 )
-from aoprecalc.io.baked_options import options_text
-from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT
+from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, options_text
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions

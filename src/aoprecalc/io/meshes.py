@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
-from aoprecalc.io.baked_options import read_options
 from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import ColorImages, ImageSource, MeshFormat, MeshWithAo, WrittenMesh, same_file
 from aoprecalc.io.formats.gltf import GltfFormat
@@ -19,6 +18,7 @@ from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat
 from aoprecalc.io.formats.stl_off import OffFormat, StlFormat
 from aoprecalc.io.formats.trimesh_formats import ColladaFormat, ThreeMfFormat
+from aoprecalc.io.images import read_options
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Scene

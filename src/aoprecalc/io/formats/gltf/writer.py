@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.io.baked_options import options_text
 from aoprecalc.io.formats.base import (
     MaterialUse,
     MeshWithAo,
@@ -33,7 +32,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     texture_info,
 )
 from aoprecalc.io.formats.gltf.references import compact, release_references
-from aoprecalc.io.images import read_image
+from aoprecalc.io.images import options_text, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
