@@ -22,7 +22,7 @@ import result_tables
 import trimesh
 
 from aoprecalc.io import load_scene, read_image
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.texture_lookup import bilinear
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from aoprecalc.api import bake_scene as baking
 from aoprecalc.api.bake_scene import bake_scene
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.mesh.topology import boundary_edges
 from aoprecalc.metrics.errors import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions

@@ -5,7 +5,7 @@ import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.io.images import quantize
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.visibility.directions import light_axes

@@ -7,7 +7,7 @@ import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster import samples
 from aoprecalc.texture_lookup import bilinear

@@ -3,7 +3,7 @@
 import numpy as np
 
 from aoprecalc.api.bake_scene import bake_scene
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer

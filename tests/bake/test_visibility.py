@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.mesh.unit_sphere import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout

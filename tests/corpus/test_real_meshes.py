@@ -6,7 +6,7 @@ import pytest
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.io import load_scene, read_image
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from shapes import MESHES

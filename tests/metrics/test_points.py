@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from shapes import join, quad, scene, torus
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.sampling import sample_surface
+from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import Backend, BakeOptions
 from aoprecalc.subprocesses import end_with_parent
 from aoprecalc.texture_lookup import bilinear

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.mesh.sampling import SurfacePoints
-from aoprecalc.mesh.unit_sphere import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
 from aoprecalc.options import Estimator, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear, mip_chain

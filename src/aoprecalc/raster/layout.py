@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.mesh.normals import area_vectors
+from aoprecalc.mesh.surface import to_unit_sphere
 from aoprecalc.mesh.topology import boundary_edges, face_components
-from aoprecalc.mesh.unit_sphere import to_unit_sphere
 from aoprecalc.raster.samples import BORDER_OFFSET, MAX_MOVE, MAX_SHARE, Samples
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from aoprecalc.errors import InputError, counted
 from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.sampling import fold_to_triangle, pick_faces
+from aoprecalc.mesh.surface import fold_to_triangle, pick_faces
 from aoprecalc.types import Float64Array, Scene
 
 _CHUNK_SIZE = 1 << 17  # points sampled at once, to bound temporary memory

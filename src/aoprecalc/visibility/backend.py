@@ -9,7 +9,7 @@ from typing import Protocol
 
 from aoprecalc.errors import ArgumentError, RendererError
 from aoprecalc.gl.context import VERSION, Renderer, open_renderer, opengl_problem
-from aoprecalc.mesh.unit_sphere import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from aoprecalc.mesh.normals import area_vectors
-from aoprecalc.mesh.unit_sphere import active_positions
+from aoprecalc.mesh.surface import active_positions
 from aoprecalc.types import Atlas, Float64Array, Scene
 from aoprecalc.visibility.directions import light_axes, orthonormal_basis
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from aoprecalc.errors import RendererError
-from aoprecalc.mesh.unit_sphere import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.samples import Samples
 from aoprecalc.system import whole_cores

@@ -6,7 +6,7 @@ An axis is a pair of opposite light directions, given by one unit vector.
 from dataclasses import dataclass
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.mesh.unit_sphere import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.options.fields import format_bytes
 from aoprecalc.raster.layout import build_layout
