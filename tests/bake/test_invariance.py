@@ -9,7 +9,7 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
-from aoprecalc.raster import samples
+from aoprecalc.raster import layout as raster_layout
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.visibility import backend, depth_maps, gather, setup
 from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
@@ -88,7 +88,7 @@ def test_the_same_bytes_run_after_run(baseline):
 
 def test_batches_and_bands_change_no_bit(baseline, monkeypatch):
     monkeypatch.setattr(depth_maps, "_MAX_BATCH_BYTES", 1)  # one map at a time
-    monkeypatch.setattr(samples, "BAND_TEXELS", 7 * 96)
+    monkeypatch.setattr(raster_layout, "BAND_TEXELS", 7 * 96)
     assert bake(*still_life()).values.tobytes() == baseline.values.tobytes()
 
 
@@ -99,7 +99,7 @@ def test_chunks_change_no_bit(kind, monkeypatch):
     options = BakeOptions(size=96, directions=130, shadow_size=128, backend=kind)
     monkeypatch.setattr(setup, "FIT_CHUNK", 1000)
     monkeypatch.setattr(gather, "FIT_CHUNK", 1000)
-    monkeypatch.setattr(samples, "BAND_TEXELS", 20 * 96)
+    monkeypatch.setattr(raster_layout, "BAND_TEXELS", 20 * 96)
     pictures = []
     for parts in (100, 3, 1):
         monkeypatch.setattr(setup, "_MAX_FIT_CHUNKS", parts)

@@ -7,8 +7,7 @@ from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.layout import build_layout, corner_ids
-from aoprecalc.raster.samples import CENTER
+from aoprecalc.raster.layout import CENTER, build_layout, corner_ids
 from aoprecalc.texture_lookup import bilinear, mip_chain
 from shapes import scene, torus
 

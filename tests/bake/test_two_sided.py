@@ -6,8 +6,7 @@ import pytest
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.layout import build_layout
-from aoprecalc.raster.samples import CENTER
+from aoprecalc.raster.layout import CENTER, build_layout
 from shapes import ball, cap, dented, join, quad, scene, torus
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])

@@ -7,8 +7,7 @@ from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.layout import build_layout
-from aoprecalc.raster.samples import CENTER
+from aoprecalc.raster.layout import CENTER, build_layout
 from aoprecalc.types import Atlas
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.projection import convex_hull_points, fit_projections

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from aoprecalc.raster import cpu_rasterizer, samples, spans
+from aoprecalc.raster import cpu_rasterizer, spans
+from aoprecalc.raster import layout as raster_layout
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.types import Atlas, Texels
@@ -76,7 +77,7 @@ def test_agrees_with_opengl(on_gl, name):
 
 
 def test_bands_have_the_same_order_as_with_opengl(on_gl, monkeypatch):
-    monkeypatch.setattr(samples, "BAND_TEXELS", 256 * 37)  # no whole number of blocks
+    monkeypatch.setattr(raster_layout, "BAND_TEXELS", 256 * 37)  # no whole number of blocks
     layout = mesh()
     np.testing.assert_array_equal(CPURasterizer(layout).coverage().index, on_gl(layout).coverage().index)
 
@@ -86,7 +87,7 @@ def test_how_the_work_is_cut_changes_nothing(monkeypatch):
     every = Texels(layout.width, layout.height, np.arange(layout.width * layout.height, dtype=np.int32)[::-1])
     whole = CPURasterizer(layout)
     expected, covered, overlap = whole.samples(every, (0.2, 0.6)), whole.coverage(), whole.overlap()
-    monkeypatch.setattr(samples, "BAND_TEXELS", layout.width * 23)
+    monkeypatch.setattr(raster_layout, "BAND_TEXELS", layout.width * 23)
     monkeypatch.setattr(spans, "_CHUNK", 50)
     monkeypatch.setattr(cpu_rasterizer, "_CHUNK", 1000)
     cut = CPURasterizer(layout)

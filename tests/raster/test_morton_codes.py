@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.raster.samples import morton_codes
+from aoprecalc.raster.layout import morton_codes
 
 
 def test_the_first_sixteen_squares_make_four_zs():

@@ -33,7 +33,7 @@ from aoprecalc.pipeline.dask_worker import (
 from aoprecalc.pipeline.jobs import Failure, Job, Outcome, VisibilitySums, VisibilityTask
 from aoprecalc.pipeline.workers import JobEvent
 from aoprecalc.progress import Progress
-from aoprecalc.raster.samples import Samples
+from aoprecalc.raster.layout import Samples
 from aoprecalc.types import Float32Array
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide, chunks
 

@@ -1,7 +1,7 @@
 // A texel that the surface covers in part, but not at its sample: takes the point of the border, within the texel's
 // square, that is nearest to the sample. At a concave edge a sample on the border lies in the neighbouring face, so that
 // face cannot occlude it; samples are moved inwards. Depth grows with the distance from the sample, so the nearest border
-// wins, and any triangle before it. samples.py explains the constants; cpu_rasterizer.py follows the same rules.
+// wins, and any triangle before it. layout.py explains the constants; cpu_rasterizer.py follows the same rules.
 
 uniform vec2 sample_at;
 uniform vec2 origin;

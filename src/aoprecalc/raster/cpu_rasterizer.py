@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.raster.layout import Layout, min_corner_weights, move_off_borders
-from aoprecalc.raster.samples import (
+from aoprecalc.raster.layout import (
     BORDER_DEPTH,
     BORDER_OFFSET,
     CENTER,
@@ -12,8 +11,11 @@ from aoprecalc.raster.samples import (
     INSET,
     MAX_MOVE,
     MAX_SHARE,
+    Layout,
     Samples,
     clamp_barycentric,
+    min_corner_weights,
+    move_off_borders,
     order_in_blocks,
     row_bands,
 )

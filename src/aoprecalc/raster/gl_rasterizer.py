@@ -5,8 +5,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.gl.context import draw_program
-from aoprecalc.raster.layout import Layout, min_corner_weights, move_off_borders
-from aoprecalc.raster.samples import BORDER_RULES, CENTER, GRID, Samples, clamp_barycentric, order_in_blocks, row_bands
+from aoprecalc.raster.layout import (
+    BORDER_RULES,
+    CENTER,
+    GRID,
+    Layout,
+    Samples,
+    clamp_barycentric,
+    min_corner_weights,
+    move_off_borders,
+    order_in_blocks,
+    row_bands,
+)
 from aoprecalc.types import Float32Array, Texels
 
 _PACKAGE = "aoprecalc.raster"

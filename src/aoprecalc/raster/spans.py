@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aoprecalc.raster.samples import GRID
+from aoprecalc.raster.layout import GRID
 from aoprecalc.types import Float32Array, Float64Array, Int64Array
 
 _CHUNK = 1 << 16  # entries made at a time: bounds memory; measured: a fifth faster than with four times as many

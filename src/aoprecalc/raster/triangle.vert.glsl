@@ -1,6 +1,6 @@
 // A triangle of the atlas, moved so that fragments are sampled at `sample_at` in each texel's square, not at its centre.
 //
-// Rasterizers snap vertices to the grid (GRID, see samples.py). Snapping first makes the result the same in every band,
+// Rasterizers snap vertices to the grid (GRID, see layout.py). Snapping first makes the result the same in every band,
 // except that an edge may move slightly in triangles that the edge of a band clips, as clipped corners are snapped again.
 
 uniform vec2 sample_at;  // in [0, 1)^2

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.mesh.normals import normalize
-from aoprecalc.raster.samples import CENTER
+from aoprecalc.raster.layout import CENTER
 from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.types import BoolArray, Float64Array, Int64Array
 

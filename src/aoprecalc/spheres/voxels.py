@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.raster.samples import CENTER
+from aoprecalc.raster.layout import CENTER
 from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.spheres.silhouettes import disc_spans
 from aoprecalc.types import BoolArray, Float64Array, Int32Array

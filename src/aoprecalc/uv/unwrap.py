@@ -14,8 +14,7 @@ from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.topology import boundary_edges
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import MAX_TILES, Layout, atlas_from_uvs, build_layout
-from aoprecalc.raster.samples import Rasterizer
+from aoprecalc.raster.layout import MAX_TILES, Layout, Rasterizer, atlas_from_uvs, build_layout
 from aoprecalc.subprocesses import ChildKilledError, ChildTimeoutError, StepCallback, ask, command
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, UvCheck
 

@@ -13,8 +13,7 @@ from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
-from aoprecalc.raster.layout import Layout
-from aoprecalc.raster.samples import Rasterizer, Samples
+from aoprecalc.raster.layout import Layout, Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.rays import RayTester, embreex_problem, require_embreex
 

@@ -15,7 +15,7 @@ from aoprecalc.gl.context import Renderer, compute_program, draw_program
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
-from aoprecalc.raster.samples import Samples, morton_codes
+from aoprecalc.raster.layout import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.projection import Projections, convex_hull_points, fit_projections
 

@@ -9,7 +9,7 @@ import numpy as np
 from aoprecalc.errors import RendererError
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
-from aoprecalc.raster.samples import Samples
+from aoprecalc.raster.layout import Samples
 from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 

@@ -9,8 +9,7 @@ from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.options.fields import format_bytes
-from aoprecalc.raster.layout import build_layout
-from aoprecalc.raster.samples import CENTER, Samples, keep_faces
+from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
 from aoprecalc.system import resident_memory
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
