@@ -16,9 +16,9 @@ from click.testing import CliRunner
 import aoprecalc
 from aoprecalc import system as limits
 from aoprecalc import system as machine
+from aoprecalc.api import checks
 from aoprecalc.api import doctor as checkup
 from aoprecalc.api import doctor as probing
-from aoprecalc.api import self_test
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.cli.doctor import doctor as command
 from aoprecalc.errors import AoprecalcError
@@ -215,25 +215,25 @@ def test_a_self_test_with_too_great_an_error_is_said_and_the_code_is_one(monkeyp
 
 @pytest.mark.parametrize("backend", ["gl", "ray"])
 def test_the_self_test_is_well_within_its_bound(backend):
-    measured = self_test.run_self_test(backend)
+    measured = checks.run_self_test(backend)
     assert measured["backend"] == backend
     assert measured["passed"]
-    assert measured["error"] < self_test.MAX_ERROR / 2
+    assert measured["error"] < checks.MAX_ERROR / 2
 
 
 def test_the_self_test_finds_a_wrong_picture(monkeypatch):
     """Too dark by a twentieth, as if some directions were lost."""
-    real = self_test.bake_scene
+    real = checks.bake_scene
 
     def darker(*given):
         baked = real(*given)
         baked.texture.values[:] *= 0.95
         return baked
 
-    monkeypatch.setattr(self_test, "bake_scene", darker)
-    measured = self_test.run_self_test()
+    monkeypatch.setattr(checks, "bake_scene", darker)
+    measured = checks.run_self_test()
     assert not measured["passed"]
-    assert measured["error"] > self_test.MAX_ERROR
+    assert measured["error"] > checks.MAX_ERROR
 
 
 def test_the_limits_of_a_container_count(monkeypatch, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.api.self_test import form_factor
+from aoprecalc.api.checks import form_factor
 
 UP = np.array([[0.0, 0.0, 1.0]])
 ORIGIN = np.zeros((1, 3))

@@ -84,12 +84,12 @@ def _probe(command: list[str], timeout: float, stop: Event) -> ProbeAnswer:
 
 
 def _probe_command(*request: str) -> list[str]:
-    return command("aoprecalc.api.probe", *request)
+    return command("aoprecalc.api.checks", *request)
 
 
 # The report.
 
-_SELF_TEST = command("aoprecalc.api.self_test")
+_SELF_TEST = command("aoprecalc.api.checks", "self-test")
 _SELF_TEST_SECONDS = 60.0  # that the self-test may take; two are plenty on two cores
 _OPENGL = f"OpenGL {VERSION[0]}.{VERSION[1]}"
 _WHY = {

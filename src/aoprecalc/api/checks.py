@@ -1,11 +1,21 @@
-"""Self-test: bakes an open box and compares it with its closed form, `python -m aoprecalc.api.self_test`.
+"""What doctor checks in processes of their own, since a broken driver may crash or hang the one that uses it.
 
-It runs in a process of its own, as a broken driver may crash the one that uses it. It prints one line of JSON: what
-`run_self_test` returns, or a `fault` where the bake fails.
+    python -m aoprecalc.api.checks egl 0 | osmesa | count | rays | self-test
+
+The answer is one line of JSON on standard output:
+
+count         devices: the number of EGL devices
+egl, osmesa   renderer, vendor, version, software (runs on the processor), max_texture_size
+rays          renderer, version, software
+self-test     what `run_self_test` returns
+any           fault, and nothing else, if it does not work
 """
 
+import faulthandler
 import json
+import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +23,81 @@ import numpy as np
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import AoprecalcError
+from aoprecalc.gl.context import VERSION, Candidate, count_devices, make_context
 from aoprecalc.mesh.normals import face_normals
 from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import Backend, BakeOptions
 from aoprecalc.subprocesses import end_with_parent
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Float64Array, Part, Scene
+from aoprecalc.visibility.rays import RayCaster, embreex_problem
 
-SIZE, DIRECTIONS, POINTS = 128, 1000, 2000
+_MAX_PROBE_SECONDS = 120  # after which a probe ends itself, where it does not end with its parent
+# Explanations of glcontext's errors, by a part of their text; the first match counts.
+_MEANINGS = {
+    "libEGL": "EGL is not installed",
+    "libGL": "libGL is not installed",
+    "found 0 devices": "EGL has no driver",
+    "eglInitialize": "its driver is missing or does not start",
+    "eglCreateContext": f"it has no OpenGL {VERSION[0]}.{VERSION[1]}",
+}
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader", "swr")  # in GL_RENDERER, in small letters
+
+SIZE, DIRECTIONS, POINTS = 128, 1000, 2000  # of the self-test
 MAX_ERROR = 0.01  # RMS; depth maps and rays both leave 0.0034, mostly from the number of directions
-
 _WIDTH, _DEPTH, _HEIGHT = 1.0, 0.8, 0.6  # of the box: unequal, so that mixed-up axes are noticed
+
+
+def probe(request: list[str]) -> dict[str, Any]:
+    """Answer a request such as ["egl", "0"]."""
+    if request == ["rays"]:
+        return probe_rays()
+    try:
+        if request == ["count"]:
+            return {"devices": count_devices()}
+        return _describe(Candidate(request[0], int(request[1]) if len(request) > 1 else None))
+    except Exception as error:  # glcontext raises bare Exception for all its reasons
+        return {"fault": explain(" ".join(str(error).split()))}
+
+
+def explain(reason: str) -> str:
+    """Return a reason with its explanation before it, if there is one."""
+    meaning = next((meaning for word, meaning in _MEANINGS.items() if word in reason), None)
+    return f"{meaning} ({reason})" if meaning else reason
+
+
+def is_software(renderer: str) -> bool:
+    """Tell from GL_RENDERER whether a renderer runs on the processor."""
+    return any(name in renderer.lower() for name in _SOFTWARE)
+
+
+def _describe(candidate: Candidate) -> dict[str, Any]:
+    context = make_context(candidate)
+    info = context.info
+    context.release()
+    return {
+        "renderer": info["GL_RENDERER"],
+        "vendor": info["GL_VENDOR"],
+        "version": info["GL_VERSION"],
+        "software": is_software(info["GL_RENDERER"]),
+        "max_texture_size": info["GL_MAX_TEXTURE_SIZE"],
+    }
+
+
+def probe_rays() -> dict[str, Any]:
+    """Trace one ray that hits a triangle and one that misses it."""
+    fault = embreex_problem()
+    if fault is not None:
+        return {"fault": fault}
+    triangle = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)]], np.float32)
+    origins = np.array([(0, 0, -1), (9, 0, -1)], np.float32)
+    hidden = RayCaster(triangle, threads=1).occluded(origins, np.array([(0, 0, 1)], np.float32))
+    if hidden.tolist() != [True, False]:
+        return {"fault": "embreex does not hit a triangle that is in the way of the ray; install it again"}
+    return {"renderer": "Embree", "version": version("embreex"), "software": True}
+
+
+# The self-test: an open box is baked and compared with its closed form.
 
 
 def form_factor(points: Float64Array, normals: Float64Array, polygon: Float64Array) -> Float64Array:
@@ -90,15 +164,19 @@ def open_box() -> tuple[Scene, Float64Array]:
     return Scene(Path("self-test"), "obj", np.concatenate([floor, opening]), faces, None, (), (part,)), opening
 
 
-def main() -> None:
-    """Run the test and print its result."""
+def main(request: list[str]) -> None:
+    """Answer a request of the command line."""
     end_with_parent()
-    try:
-        answer = run_self_test()
-    except AoprecalcError as error:
-        answer = {"fault": str(error)}
+    if request == ["self-test"]:
+        try:
+            answer = run_self_test()
+        except AoprecalcError as error:
+            answer = {"fault": str(error)}
+    else:
+        faulthandler.dump_traceback_later(_MAX_PROBE_SECONDS, exit=True)
+        answer = probe(request)
     print(json.dumps(answer))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from aoprecalc.api.probe import explain, is_software, probe
+from aoprecalc.api.checks import explain, is_software, probe
 from aoprecalc.gl import context
 from aoprecalc.gl.context import count_devices
 
@@ -58,7 +58,7 @@ def test_without_more_devices_osmesa_is_next(monkeypatch):
 
 
 def test_it_answers_in_json_by_itself():
-    command = [sys.executable, "-P", "-m", "aoprecalc.api.probe", "egl", "15"]
+    command = [sys.executable, "-P", "-m", "aoprecalc.api.checks", "egl", "15"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "requested device index 15" in json.loads(done.stdout)["fault"]
 
