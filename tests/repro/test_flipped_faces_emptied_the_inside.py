@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
+from aoprecalc.spheres.sampling import VoxelGrid, inside_mesh
 from shapes import ball
 
 

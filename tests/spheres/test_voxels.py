@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh, spheres_per_voxel
+from aoprecalc.spheres.sampling import VoxelGrid, inside_mesh, spheres_per_voxel
 
 
 def around(positions, most):

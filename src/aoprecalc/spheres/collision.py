@@ -11,10 +11,9 @@ from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
 from aoprecalc.progress import Progress
-from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit
+from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit, VoxelGrid, inside_mesh
 from aoprecalc.spheres.shadow import VIEWS_PER_STEP, SilhouetteTarget, fit_shadow
 from aoprecalc.spheres.silhouettes import SilhouetteDescent
-from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh
 from aoprecalc.types import Float64Array, Int64Array, Scene
 
 # Chosen on bunny, bigguy, ogre and fruit fly.

@@ -4,9 +4,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
-from aoprecalc.spheres.sampling import NormalizedFrame
+from aoprecalc.spheres.sampling import NormalizedFrame, VoxelGrid, inside_mesh, spheres_per_voxel
 from aoprecalc.spheres.silhouettes import fibonacci_views, mesh_silhouettes, spheres_per_pixel
-from aoprecalc.spheres.voxels import VoxelGrid, inside_mesh, spheres_per_voxel
 from aoprecalc.types import Float64Array, Scene
 
 Quality = dict[str, float]  # by the keys of the JSON document
