@@ -23,6 +23,7 @@ Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 UInt8Array = NDArray[np.uint8]
+Picture = UInt8Array  # (height, width, 3) sRGB, row 0 on top
 Wrap = Literal["repeat", "mirror", "clamp"]
 
 REVERSED_WINDING = [0, 2, 1]  # order of a face's corners under a mirroring transform

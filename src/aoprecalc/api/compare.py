@@ -198,7 +198,7 @@ def compare(
         if "picture" in paths:
             if difference.pair is None:
                 raise UsageError(f"{a}, {b}: have no textures for --picture to show; omit it")
-            write_colors(outputs.path(paths["picture"]), comparison_picture(difference.pair))
+            write_colors(outputs.path(paths["picture"]), comparison_picture(difference.pair, (f"A: {a}", f"B: {b}")))
         lines = [f"{path}: {line}" for path, side in ((a, first), (b, second)) for line in side.warnings]
         messages: list[str] = [*dict.fromkeys(lines), *difference.warnings]
         for line in baked_differently(first.options, second.options):

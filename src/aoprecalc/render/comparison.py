@@ -5,15 +5,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aoprecalc.metrics import PicturePair
-from aoprecalc.types import Float32Array, Float64Array, Texels
-
-Picture = NDArray[np.uint8]
+from aoprecalc.render.contact_sheet import Ticks, contact_sheet, with_scale
+from aoprecalc.types import Float32Array, Float64Array, Picture, Texels
 
 SATURATION_ERROR = 0.1  # the error at which colours saturate
 BACKGROUND = (48, 48, 48)
 HEAT_MAP_MIN_SIZE, HEAT_MAP_MAX_SIZE = 512, 2048  # texels on the longer side
 TILE_MIN_SIZE, TILE_MAX_SIZE = 256, 1024  # pixels on the longer side of a tile
-GAP = 8  # pixels between and around tiles
+SCALE_STEPS = 256  # colours of a scale
 
 
 def heat_map_size(width: int, height: int) -> tuple[int, int]:
@@ -54,8 +53,10 @@ def diverging_colors(errors: NDArray[np.floating]) -> Picture:
     return _to_bytes(np.stack([red, np.minimum(red, blue), blue], axis=-1))
 
 
-def comparison_picture(pair: PicturePair) -> Picture:
-    """Draw two pictures, A and B, and their differences as tiles side by side.
+def comparison_picture(pair: PicturePair, names: tuple[str, str] = ("A", "B")) -> Picture:
+    """Draw two pictures and their differences side by side, each with a scale and a caption.
+
+    names   of the two pictures, A and B
 
     The tiles are A and B, 0 black and 1 white; B - A in the colours of `diverging_colors`; FLIP from 0 black through
     red and yellow to 1 white. Pictures of different sizes have only the first two tiles.
@@ -63,17 +64,21 @@ def comparison_picture(pair: PicturePair) -> Picture:
     Returns (height, width, 3) uint8 RGB.
     """
     first, second = _fit_to_tile(pair.first), _fit_to_tile(pair.second)
-    tiles = [_grey(first), _grey(second)]
+    steps = np.linspace(0, 1, SCALE_STEPS)[None]
+    greys, ends = _grey(steps)[0], [(0.0, "0"), (1.0, "1")]
+    tiles: list[tuple[Picture, Picture, Ticks, str]] = [
+        (_grey(first), greys, ends, names[0]),
+        (_grey(second), greys, ends, names[1]),
+    ]
     if pair.flip is not None:
-        tiles += [diverging_colors(second - first), _heat_colors(_fit_to_tile(pair.flip))]
-    height = max(len(tile) for tile in tiles) + 2 * GAP
-    width = sum(tile.shape[1] + GAP for tile in tiles) + GAP
-    picture: Picture = np.full((height, width, 3), BACKGROUND, np.uint8)
-    left = GAP
-    for tile in tiles:
-        picture[GAP : GAP + len(tile), left : left + tile.shape[1]] = tile
-        left += tile.shape[1] + GAP
-    return picture
+        signed = diverging_colors(SATURATION_ERROR * (2 * steps[0] - 1))
+        marks = [(0.0, f"-{SATURATION_ERROR:g}"), (0.5, "0"), (1.0, f"+{SATURATION_ERROR:g}")]
+        tiles += [
+            (diverging_colors(second - first), signed, marks, "B - A\nBlue: B is darker. Red: B is brighter."),
+            (_heat_colors(_fit_to_tile(pair.flip)), _heat_colors(steps)[0], ends, "FLIP\nThe difference an eye sees."),
+        ]
+    cells = [(with_scale(tile, colors, ticks), caption) for tile, colors, ticks, caption in tiles]
+    return contact_sheet(cells, len(cells))
 
 
 def _fit_to_tile(values: Float32Array) -> Float64Array:

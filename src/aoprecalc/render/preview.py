@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.render.comparison import Picture
 from aoprecalc.render.rasterizer import Camera, GBuffer, rasterize_mesh, rasterize_spheres
 from aoprecalc.spheres.sampling import NormalizedFrame
 from aoprecalc.spheres.silhouettes import Views, mesh_silhouettes, spheres_per_pixel
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Picture, Scene
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, orthonormal_basis
 
 LIGHT_DIRECTION = np.array([-0.44, 1.0, 0.06]) / np.linalg.norm([-0.44, 1.0, 0.06])  # towards the light's centre
