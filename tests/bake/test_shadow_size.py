@@ -3,7 +3,7 @@
 import numpy as np
 
 from aoprecalc.types import Atlas
-from aoprecalc.visibility.projection import MAX_SHADOW_SIZE, MIN_SHADOW_SIZE, auto_shadow_size
+from aoprecalc.visibility.directions import MAX_SHADOW_SIZE, MIN_SHADOW_SIZE, auto_shadow_size
 from shapes import quad, quad_uvs, scene
 
 SQUARE = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), quad_uvs((0, 0), (1, 1)))

@@ -9,8 +9,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, build_layout
 from aoprecalc.types import Atlas
-from aoprecalc.visibility.directions import light_axes
-from aoprecalc.visibility.projection import convex_hull_points, fit_projections
+from aoprecalc.visibility.directions import convex_hull_points, fit_projections, light_axes
 from aoprecalc.visibility.rays import RayTester
 from shapes import clutter, scene, triangle_a_cell
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aoprecalc.visibility.projection import convex_hull_points
+from aoprecalc.visibility.directions import convex_hull_points
 from shapes import quad
 
 

@@ -30,8 +30,8 @@ from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
 from aoprecalc.uv.unwrap import MAX_OVERLAP, choose_atlas, first_unsafe_mip, needs_uvs
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
+from aoprecalc.visibility.directions import auto_shadow_size
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
-from aoprecalc.visibility.projection import auto_shadow_size
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
 _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark

@@ -17,7 +17,7 @@ from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array
-from aoprecalc.visibility.projection import Projections, convex_hull_points, fit_projections
+from aoprecalc.visibility.directions import Projections, convex_hull_points, fit_projections
 
 # Steps in a map texel to which vertices are snapped: rasterizers do it, and doing it first makes all tiles equal.
 GRID = 256
