@@ -13,11 +13,10 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import ColorImages, ImageSource, MeshFormat, MeshWithAo, WrittenMesh, same_file
+from aoprecalc.io.formats.geometry_formats import ColladaFormat, OffFormat, StlFormat, ThreeMfFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat
-from aoprecalc.io.formats.stl_off import OffFormat, StlFormat
-from aoprecalc.io.formats.trimesh_formats import ColladaFormat, ThreeMfFormat
 from aoprecalc.io.images import read_options
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
