@@ -5,8 +5,17 @@ import pytest
 
 import shapes
 from aoprecalc.render import preview_image, preview_panels
-from aoprecalc.render.preview import LIGHT_DIRECTION, ground_shadow, light_directions, mesh_caster, shade, sphere_caster
-from aoprecalc.render.rasterizer import Camera, rasterize_mesh, rasterize_spheres
+from aoprecalc.render.rasterizer import (
+    LIGHT_DIRECTION,
+    Camera,
+    ground_shadow,
+    light_directions,
+    mesh_caster,
+    rasterize_mesh,
+    rasterize_spheres,
+    shade,
+    sphere_caster,
+)
 from aoprecalc.types import Scene
 
 SIZE = (320, 160)

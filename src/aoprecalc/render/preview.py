@@ -1,165 +1,220 @@
-"""Previews: a mesh beside sphere sets, each with its soft shadow on the ground, by one camera and one area light.
+"""Previews: a mesh with its ambient-occlusion texture, and its spheres, on a soft ground."""
 
-The light is a set of directions around its centre. y points up.
-"""
-
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
-from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.render.rasterizer import Camera, GBuffer, rasterize_mesh, rasterize_spheres
-from aoprecalc.spheres.sampling import NormalizedFrame
-from aoprecalc.spheres.silhouettes import Views, mesh_silhouettes, spheres_per_pixel
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Picture, Scene
-from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, orthonormal_basis
+from aoprecalc.gl.context import Renderer
+from aoprecalc.options import PreviewOptions
+from aoprecalc.progress import Progress
+from aoprecalc.render.camera import Camera, PictureFrame, frame_views, view_axes
+from aoprecalc.render.shading import PictureMesh, encode, shade, shade_spheres
+from aoprecalc.render.shadow import AreaLight, GroundShadow, shadow_points
+from aoprecalc.render.visible_surface import Fragments, RayDrawer, SphereDrawer, SurfaceDrawer, fragments
+from aoprecalc.types import Float32Array, Float64Array, Int32Array, Picture, TexturedMesh
+from aoprecalc.visibility.backend import open_renderer_or_rays
 
-LIGHT_DIRECTION = np.array([-0.44, 1.0, 0.06]) / np.linalg.norm([-0.44, 1.0, 0.06])  # towards the light's centre
-_LIGHT_SAMPLES, _LIGHT_RADIUS = 64, np.radians(20)
-_CONCENTRATION = 0.6  # 0.5 is uniform on a disc; larger concentrates samples at the centre and fades the penumbra
-_SHADOW_RESOLUTION = 400  # pixels per side of the silhouettes that cast shadows
-_BLUR = 0.016  # units: hides the steps between light samples
-_KEY, _SKY, _BOUNCE = 0.78, 0.36, 0.16  # intensity of the light, of the sky and of the light reflected by the ground
-
-_SUPERSAMPLING = 3  # per axis
-_PAPER = np.array([0.93, 0.93, 0.915])  # linear, as all colours here
-_MESH_COLOR, _SPHERE_COLOR = np.array([0.66, 0.59, 0.50]), np.array([0.42, 0.54, 0.66])
-_SHADOW_ABSORPTION = np.array([0.80, 0.77, 0.71])  # fraction of the paper's colour that full shadow removes
-_GROUND_TOLERANCE = 1e-6  # normalised: surfaces this far below the ground are visible
-
-SilhouetteFunction = Callable[[Views], BoolArray]  # returns masks, (d, resolution, resolution)
 Spheres = tuple[Float64Array, Float64Array]
-Up = Literal["y", "z"]
+
+_SAMPLES = 4  # along each side of a pixel
+_MAX_SAMPLES = 1 << 25  # drawn at once
+_LIGHT_TURN, _LIGHT_RISE, _LIGHT_RADIUS = -48.0, 52.0, np.radians(14.0)  # degrees from the camera; radians
+_MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there is a ground
+_CENTER, _CORNER = np.array([0.92, 0.92, 0.915], np.float32), np.array([0.76, 0.77, 0.775], np.float32)  # backdrop
+_KEY_SHARE, _SKY_SHARE = 0.42, 0.62  # of the ground's light
+_OVER, _BEHIND = 0.55, 0.16  # opacity of spheres over the mesh, in front of its surface and behind it
+_SOFTNESS = 0.01  # radii: depth over which the one opacity becomes the other
 
 
-def preview_image(
-    scene: Scene, centers: Float64Array, radii: Float64Array, size: tuple[int, int] = (1200, 480), up: Up = "y"
-) -> Picture:
-    """Draw a mesh on the left and spheres, (n, 3) and (n,) in its coordinates, on the right.
-
-    size   width and height in pixels, at least 2 x 1
-    up     the mesh's upward axis, y or z
-
-    Returns (height, width, 3) uint8, sRGB, row 0 on top. The same input gives the same picture.
-    """
-    width, height = size
-    left = width // 2
-    panels = preview_panels(scene, [(centers, radii)], (width - left, height), up)
-    return np.concatenate([panels[0][:, :left], panels[1]], axis=1)
-
-
-def preview_panels(
-    scene: Scene, sets: list[Spheres], size: tuple[int, int] = (600, 480), up: Up = "y"
+def preview_pictures(
+    mesh: TexturedMesh, spheres: Spheres | None, options: PreviewOptions, progress: Progress
 ) -> list[Picture]:
-    """Draw a mesh, then each sphere set, with the same camera and light; arguments as for `preview_image`.
+    """Draw a mesh, one picture for each view or frame.
 
-    Returns 1 + len(sets) pictures, (height, width, 3) uint8 each, of width and height `size`.
+    Parameters
+    ----------
+    mesh : TexturedMesh
+        With at least one face.
+    spheres : tuple of ndarray, or None
+        Centres (n, 3) float64 in the mesh's coordinates, and radii (n,) float64 >= 0.
+    options : PreviewOptions
+        What to draw, from where, and how large.
+    progress : Progress
+        Counts the pictures.
+
+    Returns
+    -------
+    list of ndarray, (height, width, 3) uint8
+        sRGB, row 0 on top. Spheres beside the mesh, and the shadows that `ground` compares, share the width.
+
+    Raises
+    ------
+    RendererError
+        Where there is neither OpenGL nor a ray tracer.
     """
-    frame = NormalizedFrame.from_positions(scene.positions)
-    positions = _to_y_up(frame.to_normalized(scene.positions), up)
-    normalized_sets = [(_to_y_up(frame.to_normalized(centers), up), radii / frame.scale) for centers, radii in sets]
-    ground = float(positions[:, 1].min())
-    camera = Camera.framing(_points_to_frame(positions, normalized_sets, ground), *size)
-
-    normals = _to_y_up(shading_normals(scene), up)
-    surface = rasterize_mesh(positions[scene.faces], normals, camera.supersampled(_SUPERSAMPLING))
-    max_distance = float(np.linalg.norm(positions, axis=1).max())
-    shadow = ground_shadow(mesh_caster(positions, scene.faces), max_distance, ground, camera)
-    panels = [_shaded_picture(surface, shadow, ground, camera, _MESH_COLOR)]
-    for centers, radii in normalized_sets:
-        surface = rasterize_spheres(centers, radii, camera.supersampled(_SUPERSAMPLING))
-        max_distance = float((np.linalg.norm(centers, axis=1) + radii).max()) or 1.0
-        shadow = ground_shadow(sphere_caster(centers, radii), max_distance, ground, camera)
-        panels.append(_shaded_picture(surface, shadow, ground, camera, _SPHERE_COLOR))
-    return panels
-
-
-def light_directions() -> Float64Array:
-    """Return unit vectors towards samples of the light, (64, 3), from its centre outwards."""
-    index = np.arange(_LIGHT_SAMPLES)
-    theta = _LIGHT_RADIUS * ((index + 0.5) / _LIGHT_SAMPLES) ** _CONCENTRATION
-    phi = 2 * np.pi * (index * INV_GOLDEN_RATIO % 1.0)
-    across, upward = (axis[0] for axis in orthonormal_basis(LIGHT_DIRECTION[None]))
-    radial = np.cos(phi)[:, None] * across + np.sin(phi)[:, None] * upward
-    directions: Float64Array = np.sin(theta)[:, None] * radial + np.cos(theta)[:, None] * LIGHT_DIRECTION
-    return directions
+    up = options.up if options.up != "auto" else "z" if mesh.scene.format == "stl" else "y"
+    frame = PictureFrame.from_positions(mesh.scene.positions, up)
+    drawn = PictureMesh.from_mesh(mesh, frame)
+    balls = None if spheres is None else (frame.points(spheres[0]), spheres[1] / frame.radius)
+    points = _bounds(frame.points(mesh.scene.positions), balls)
+    azimuths = _azimuths(options)
+    lights = [_light(azimuth) for azimuth in azimuths]
+    panels = _panels(balls, options)
+    width = -(-options.width // len(panels))
+    views = []
+    for azimuth, light in zip(azimuths, lights, strict=True):
+        shadow = shadow_points(points, float(points[:, 1].min()), light)
+        views.append((view_axes(azimuth, options.elevation), np.concatenate([points, shadow])))
+    cameras = frame_views(views, width, options.height)
+    pictures = []
+    with (
+        open_drawer(drawn, options, progress) as drawer,
+        progress.stage("draw", len(cameras), "pictures"),
+    ):
+        stage = _Stage(drawn, drawer, balls, None if balls is None else SphereDrawer(*balls), points, options.shading)
+        for camera, light in zip(cameras, lights, strict=True):
+            drawings = [stage.draw(panel, camera, light) for panel in panels]
+            drawings[0] = drawings[0][:, : options.width - width * (len(panels) - 1)]
+            pictures.append(np.concatenate(drawings, axis=1))
+            progress.advance()
+    return pictures
 
 
-def shade(normals: Float64Array) -> Float64Array:
-    """Return the linear brightness of a white surface with unit normals, (..., 3); (...,), about 0.1 to 1."""
-    upward = normals[..., 1]
-    cos = normals @ LIGHT_DIRECTION
-    wrap = np.sin(_LIGHT_RADIUS)  # the light's edge still reaches a surface that faces away from its centre
-    key = np.where(cos > wrap, cos, np.maximum(cos + wrap, 0) ** 2 / (4 * wrap))
-    brightness: Float64Array = _KEY * key + _SKY * (0.5 + 0.5 * upward) + _BOUNCE * (0.5 - 0.5 * upward)
-    return brightness
+@contextmanager
+def open_drawer(mesh: PictureMesh, options: PreviewOptions, progress: Progress) -> Iterator[SurfaceDrawer]:
+    """Open what draws the mesh: OpenGL or rays, as the options ask for."""
+    corners = mesh.corners.astype(np.float32)
+    with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
+        yield RayDrawer(corners, options.threads) if renderer is None else _gl_drawer(renderer, corners)
 
 
-def mesh_caster(positions: Float64Array, faces: Int32Array) -> SilhouetteFunction:
-    """Return the silhouette function of (f, 3) faces over (v, 3) positions."""
-    return lambda views: mesh_silhouettes(positions, faces, views)
+def _gl_drawer(renderer: Renderer, corners: Float32Array) -> SurfaceDrawer:
+    from aoprecalc.gl.triangles import TriangleDrawer
+
+    return TriangleDrawer(renderer, corners)
 
 
-def sphere_caster(centers: Float64Array, radii: Float64Array) -> SilhouetteFunction:
-    """Return the silhouette function of spheres, (n, 3) and (n,)."""
-    return lambda views: spheres_per_pixel(centers, radii, views) > 0
+def _azimuths(options: PreviewOptions) -> list[float]:
+    count = options.frames if options.turntable else options.views
+    return [options.azimuth + 360 * number / count for number in range(count)]
 
 
-def ground_shadow(caster: SilhouetteFunction, max_distance: float, ground: float, camera: Camera) -> Float32Array:
-    """Compute the occluded fraction of the light on the plane y = `ground` at each pixel, (height, width) in [0, 1].
+def _light(azimuth: float) -> AreaLight:
+    """Return the key light of a camera: to its left, above."""
+    x, y, z = view_axes(azimuth + _LIGHT_TURN, _LIGHT_RISE)[2].tolist()
+    return AreaLight((x, y, z), _LIGHT_RADIUS)
 
-    max_distance   of any part of the caster from the origin, > 0
 
-    A point of the ground is in the shadow of a light direction if it projects into the silhouette seen from there.
+@dataclass(frozen=True)
+class _Panel:
+    """What a picture, or half of one, shows, and whether the spheres cast the shadow on the ground."""
+
+    mesh: bool
+    spheres: bool
+    shadow_of_spheres: bool
+
+
+_MESH, _SPHERES = _Panel(True, False, False), _Panel(False, True, True)
+
+
+def _panels(spheres: Spheres | None, options: PreviewOptions) -> list[_Panel]:
+    """Return the panels of a picture, from left to right."""
+    if spheres is None:
+        return [_MESH]
+    if options.spheres_view == "beside":
+        return [_MESH, _SPHERES]
+    return [_MESH, _Panel(True, False, True)] if options.ground else [_Panel(True, True, False)]
+
+
+def _bounds(points: Float64Array, spheres: Spheres | None) -> Float64Array:
+    """Return points, (k, 3), that bound the mesh and the spheres above the ground below it."""
+    if spheres is None:
+        return points
+    centers, radii = spheres
+    corners = [centers + radii[:, None] * (2 * np.array(signs) - 1) for signs in np.ndindex(2, 2, 2)]
+    bounds = np.concatenate([points, *corners])
+    bounds[:, 1] = np.maximum(bounds[:, 1], points[:, 1].min())
+    return bounds
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """What stands on the ground.
+
+    points   (k, 3) float64: bounds of everything
     """
-    points = camera.unproject(camera.ground_view_z(ground)).reshape(-1, 3)
-    across, upward = orthonormal_basis(light_directions())
-    views = Views(across, upward, 1.01 * max_distance, _SHADOW_RESOLUTION)
-    occluded = np.zeros(len(points), np.float32)
-    for index in range(len(views)):
-        view = views[index : index + 1]
-        mask = caster(view)[0]
-        column, row = (np.floor(axis[0]).astype(np.int64) for axis in view.project(points))
-        inside = (column >= 0) & (column < _SHADOW_RESOLUTION) & (row >= 0) & (row < _SHADOW_RESOLUTION)
-        occluded[inside] += mask[row[inside], column[inside]]
-    fraction = (occluded / len(views)).reshape(camera.height, camera.width)
-    blur = _BLUR * camera.pixels_per_unit
-    blurred: Float32Array = gaussian_filter(fraction, (blur * camera.axes[2, 1], blur), mode="nearest")
-    return blurred
+
+    mesh: PictureMesh
+    mesh_drawer: SurfaceDrawer
+    spheres: Spheres | None
+    sphere_drawer: SurfaceDrawer | None
+    points: Float64Array
+    shading: str
+
+    def draw(self, panel: _Panel, camera: Camera, light: AreaLight) -> Picture:
+        """Draw one panel."""
+        shadow = None
+        if camera.axes[2, 1] > _MIN_VIEW_RISE:
+            caster = self.sphere_drawer if panel.shadow_of_spheres else self.mesh_drawer
+            assert caster is not None
+            shadow = GroundShadow.cast(caster, self.points, light)
+        rows = max(_MAX_SAMPLES // (camera.width * _SAMPLES * _SAMPLES), 1)
+        return np.concatenate([self._draw_band(panel, band, light, shadow) for band in camera.bands(rows)])
+
+    def _draw_band(self, panel: _Panel, camera: Camera, light: AreaLight, shadow: GroundShadow | None) -> Picture:
+        linear = _backdrop(camera, shadow).reshape(-1, 3)
+        depth = None
+        if panel.mesh:
+            seen = self._fragments(self.mesh_drawer, camera)
+            colors, along = shade(self.mesh, seen, camera, light, self.shading)
+            _composite(linear, colors, seen.pixel, seen.weight)
+            if panel.spheres:
+                depth = np.full(len(linear), np.inf, np.float32)
+                np.minimum.at(depth, seen.pixel, along)
+        if panel.spheres and self.spheres is not None and self.sphere_drawer is not None:
+            seen = self._fragments(self.sphere_drawer, camera)
+            colors, along = shade_spheres(*self.spheres, seen, camera, light)
+            weight = seen.weight
+            if depth is not None:
+                behind = np.clip((along - depth[seen.pixel]) / _SOFTNESS + 0.5, 0, 1)
+                weight = weight * (_OVER + (_BEHIND - _OVER) * behind)
+            if shadow is not None:
+                height = camera.eye[1] + along * camera.rays(seen.x, seen.y + camera.rows[0])[:, 1]
+                weight = np.where(height < shadow.height, 0, weight)
+            _composite(linear, colors, seen.pixel, weight.astype(np.float32))
+        return encode(linear).reshape(*camera.shape, 3)
+
+    def _fragments(self, drawer: SurfaceDrawer, camera: Camera) -> Fragments:
+        height, width = camera.shape
+        matrix = camera.clip_matrix(self.points)
+        return fragments(drawer.visible(matrix, width * _SAMPLES, height * _SAMPLES), _SAMPLES)
 
 
-def _to_y_up(vectors: NDArray[np.floating], up: Up) -> Float64Array:
-    """Rotate vectors, (..., 3), so that y points up."""
-    rotated = vectors if up == "y" else np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
-    return rotated.astype(np.float64)
+def _composite(linear: Float32Array, colors: Float32Array, pixel: Int32Array, weight: Float32Array) -> None:
+    """Lay fragments over (n, 3) pixels: those of one pixel beside each other, in shares of `weight`."""
+    linear *= (1 - np.bincount(pixel, weight, len(linear)).astype(np.float32))[:, None]
+    for channel in range(3):
+        linear[:, channel] += np.bincount(pixel, colors[:, channel] * weight, len(linear)).astype(np.float32)
 
 
-def _points_to_frame(positions: Float64Array, sets: list[Spheres], ground: float) -> Float64Array:
-    """Return points, (k, 3), that bound the mesh, the spheres above the ground, and their shadows."""
-    corners = [positions]
-    for centers, radii in sets:
-        for signs in np.ndindex(2, 2, 2):
-            corners.append(centers + radii[:, None] * (2 * np.array(signs) - 1))
-    points = np.concatenate(corners)
-    points[:, 1] = np.maximum(points[:, 1], ground)
-    height = points[:, 1:2] - ground
-    outer_directions = light_directions()[-32:-16]  # outside these there is hardly any shadow
-    return np.concatenate([points, *(points - light * (height / light[1]) for light in outer_directions)])
-
-
-def _shaded_picture(
-    surface: GBuffer, shadow: Float32Array, ground: float, camera: Camera, color: Float64Array
-) -> Picture:
-    """Composite a supersampled surface over the ground with its shadow, (height, width), and average to that size."""
-    fine = camera.supersampled(_SUPERSAMPLING)
-    paper = _PAPER * (1 - _SHADOW_ABSORPTION * shadow[..., None].astype(np.float64))
-    paper = paper.repeat(_SUPERSAMPLING, axis=0).repeat(_SUPERSAMPLING, axis=1)
-    above_ground = surface.mask & (surface.view_z >= fine.ground_view_z(ground) - _GROUND_TOLERANCE / fine.axes[2, 1])
-    colors = np.where(above_ground[..., None], color * shade(surface.normals)[..., None], paper)
-    linear = colors.reshape(camera.height, _SUPERSAMPLING, camera.width, _SUPERSAMPLING, 3).mean(axis=(1, 3))
-    srgb = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-    picture: Picture = np.clip(255 * srgb + 0.5, 0, 255).astype(np.uint8)
-    return picture
+def _backdrop(camera: Camera, shadow: GroundShadow | None) -> Float32Array:
+    """Return the backdrop with the ground's shadow, (rows, width, 3) linear."""
+    height, width = camera.shape
+    x = np.arange(width) + 0.5
+    y = camera.rows[0] + np.arange(height) + 0.5
+    across, down = x / camera.width * 2 - 1, y / camera.height * 2 - 1
+    distance = ((across**2)[None] + (down**2)[:, None]) / 2
+    share = (distance / (distance + 0.6) * 1.6).astype(np.float32)[..., None]
+    linear: Float32Array = _CENTER + (_CORNER - _CENTER) * share
+    if shadow is None:
+        return linear
+    rays = camera.rays(x[None], y[:, None])
+    falls = rays[..., 1] < -1e-3
+    along = np.where(falls, (shadow.height - camera.eye[1]) / np.where(falls, rays[..., 1], 1), 0)
+    hit = falls & (along > 0)
+    at_x, at_z = (camera.eye[axis] + along[hit] * rays[hit][:, axis] for axis in (0, 2))
+    key, sky = shadow.look_up(at_x.astype(np.float32), at_z.astype(np.float32))
+    linear[hit] *= (1 - _KEY_SHARE * key - _SKY_SHARE * sky * (1 - _KEY_SHARE))[:, None]
+    return linear

@@ -10,6 +10,7 @@ from typing import Protocol
 from aoprecalc.errors import ArgumentError, RendererError
 from aoprecalc.gl.context import VERSION, Renderer, open_renderer, opengl_problem
 from aoprecalc.mesh.surface import NormalizedSurface
+from aoprecalc.options import Backend as BackendKind
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
@@ -131,23 +132,34 @@ def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
 
     Raises RendererError where there is none.
     """
+    with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
+        yield RayBackend(options.threads) if renderer is None else GLBackend(renderer)
+
+
+@contextmanager
+def open_renderer_or_rays(kind: BackendKind, threads: int, progress: Progress) -> Iterator[Renderer | None]:
+    """Open OpenGL, or return None where rays are to be traced: auto is gl, else ray with a note.
+
+    Raises RendererError where neither works, or not what was asked for.
+    """
     with ExitStack() as stack:
-        yield _choose(options, progress, stack)
+        yield _choose(kind, threads, progress, stack)
 
 
-def _choose(options: BakeOptions, progress: Progress, stack: ExitStack) -> Backend:
-    if options.backend == "ray":
-        return RayBackend(options.threads)
+def _choose(kind: BackendKind, threads: int, progress: Progress, stack: ExitStack) -> Renderer | None:
+    if kind == "ray":
+        require_embreex()
+        return None
     try:
-        return GLBackend(stack.enter_context(open_renderer(options.threads)))
+        return stack.enter_context(open_renderer(threads))
     except RendererError as error:
         no_rays = embreex_problem()
         if no_rays is not None:
             raise RendererError(f"{error}; or trace rays: {no_rays}") from error
-        if options.backend == "gl":
+        if kind == "gl":
             raise RendererError(f"{error}; or trace rays: --backend ray") from error
         progress.note(ray_note())
-        return RayBackend(options.threads)
+        return None
 
 
 def ray_note() -> str:

@@ -11,7 +11,7 @@ from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples
 from aoprecalc.system import whole_cores
-from aoprecalc.types import BoolArray, Float32Array, Float64Array
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 
 # Distance above its face at which a ray starts, as a share of the bounding radius, so that it does not hit that face;
 # 32-bit positions are good to 1e-7. With ten times as much, rays near a concave edge start behind the neighbouring
@@ -68,6 +68,21 @@ class RayCaster:
             chunk = slice(start, start + _CHUNK_RAYS)
             along = directions if len(directions) == 1 else directions[chunk]
             hits[chunk] = self._scene.run(origins[chunk], along, query="OCCLUDED") >= 0
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(cast, range(0, len(origins), _CHUNK_RAYS)))
+        return hits
+
+    def first_hits(self, origins: Float32Array, directions: Float32Array) -> Int32Array:
+        """Return the index of the triangle that each of k rays hits first, (k,) int32; -1 where it hits none.
+
+        origins, directions   (k, 3) float32
+        """
+        hits = np.empty(len(origins), np.int32)
+
+        def cast(start: int) -> None:
+            chunk = slice(start, start + _CHUNK_RAYS)
+            hits[chunk] = self._scene.run(origins[chunk], directions[chunk], query="INTERSECT")
 
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(cast, range(0, len(origins), _CHUNK_RAYS)))

@@ -1,0 +1,72 @@
+"""Triangles drawn in OpenGL for pictures: which one each sample sees, and where they keep light from the ground."""
+
+import numpy as np
+
+from aoprecalc.gl.context import Renderer, draw_program
+from aoprecalc.types import Float32Array, Float64Array, Int32Array
+
+_PACKAGE = "aoprecalc.gl"
+
+
+class TriangleDrawer:
+    """The triangles of a mesh in an OpenGL context; both their sides are visible and cast shadows."""
+
+    def __init__(self, renderer: Renderer, corners: Float32Array) -> None:
+        """Upload triangles, (o, 3, 3) float32 corners with o >= 1."""
+        self._context = renderer.context
+        self._corners = self._context.buffer(np.ascontiguousarray(corners, np.float32))
+        self.max_size = int(self._context.info["GL_MAX_TEXTURE_SIZE"])
+
+    def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
+        """Return the index of the triangle that each sample sees, (height, width) int32; -1 where there is none.
+
+        matrix   (4, 4): from positions to clip space; row 0 is at y = -1
+
+        A visibility buffer: C. Burns, W. Hunt, "The Visibility Buffer: A Cache-Friendly Approach to Deferred Shading",
+        Journal of Computer Graphics Techniques 2(2), 2013.
+        """
+        import moderngl  # in functions: it is installed on Linux only
+
+        context = self._context
+        program = draw_program(context, _PACKAGE, "visible.vert.glsl", "visible.frag.glsl")
+        program["clip"] = tuple(matrix.T.ravel())
+        target = context.texture((width, height), 1, dtype="i4")
+        framebuffer = context.framebuffer([target], context.depth_renderbuffer((width, height)))
+        framebuffer.use()
+        framebuffer.clear(depth=1.0)
+        context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = "<"
+        context.vertex_array(program, self._corners, "in_position").render(moderngl.TRIANGLES)
+        indices: Int32Array = np.frombuffer(target.read(), np.int32).reshape(height, width)
+        return indices - 1
+
+    def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
+        """Return how many of the directions towards light are blocked at points of the ground, (size, size) float32.
+
+        directions   (d, 3) unit vectors, y > 0
+        ground       the height y of the ground
+        window       x and z of the first corner of the square, and its side, (3,); rows along z, columns along x
+        """
+        import moderngl
+
+        context = self._context
+        program = draw_program(context, _PACKAGE, "shadow.vert.glsl", "shadow.frag.glsl")
+        program["ground"] = ground
+        program["window"] = tuple(window)
+        target = context.texture((size, size), 1, dtype="f4")
+        framebuffer = context.framebuffer([target], context.depth_renderbuffer((size, size)))
+        framebuffer.use()
+        framebuffer.clear(depth=0.0)
+        # Each direction is drawn at a depth of its own, nearer than all before: its first fragment in a pixel alone
+        # passes the depth test, and counts.
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.depth_func = ">"
+        context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
+        context.blend_func = moderngl.ONE, moderngl.ONE
+        shadows = context.vertex_array(program, self._corners, "in_position")
+        for number, direction in enumerate(directions):
+            program["light"] = tuple(direction)
+            program["depth"] = 2 * (number + 1) / (len(directions) + 1) - 1
+            shadows.render(moderngl.TRIANGLES)
+        counts: Float32Array = np.frombuffer(target.read(), np.float32).reshape(size, size)
+        return counts

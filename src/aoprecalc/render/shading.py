@@ -1,0 +1,217 @@
+"""The shading of previews: clay or base colours in the light of a sky and a soft key light; linear RGB throughout."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.render.camera import Camera, PictureFrame
+from aoprecalc.render.shadow import AreaLight
+from aoprecalc.render.visible_surface import Fragments
+from aoprecalc.texture_lookup import bilinear_taps, mip_chain
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, TexturedMesh, UInt8Array
+
+CLAY = np.array([0.72, 0.685, 0.645], np.float32)
+SPHERE = np.array([0.30, 0.47, 0.66], np.float32)
+INSIDE = np.array([0.62, 0.50, 0.44], np.float32)  # multiplies the colour of back faces
+SKY, BOUNCE = np.array([0.78, 0.80, 0.83], np.float32), np.array([0.50, 0.48, 0.46], np.float32)
+KEY = np.array([0.56, 0.54, 0.50], np.float32)
+_MAX_LEVELS = 8  # of mip maps
+
+
+@dataclass(frozen=True, eq=False)
+class PictureMesh:
+    """A mesh as pictures draw it: in the picture's frame.
+
+    corners     (f, 3, 3) float64
+    normals     (f, 3, 3) float32: unit shading normals
+    flipped     (f,) bool: the shading normals oppose the winding, so that its other side is in front
+    """
+
+    source: TexturedMesh
+    corners: Float64Array
+    normals: Float32Array
+    flipped: BoolArray
+
+    @classmethod
+    def from_mesh(cls, mesh: TexturedMesh, frame: PictureFrame) -> "PictureMesh":
+        """Transform a mesh."""
+        positions = frame.points(mesh.scene.positions)
+        corners = positions[mesh.scene.faces]
+        normals = frame.vectors(mesh.normals)
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float32)
+        flipped = (np.einsum("fcx,fx->fc", normals, across) < 0).all(axis=1)
+        return cls(mesh, corners, normals, flipped)
+
+    @cached_property
+    def mips(self) -> list[Float32Array]:
+        """The mip levels of the texture."""
+        assert self.source.ao is not None
+        return mip_chain(self.source.ao, _MAX_LEVELS)
+
+
+def irradiance(normals: Float32Array, light: AreaLight) -> tuple[Float32Array, Float32Array]:
+    """Return the light of the sky and of the key light on surfaces with unit normals, (m, 3); (m, 3) each.
+
+    The sky is brighter above than the ground below: its light is linear in the normal's height. A round light of
+    angular radius r reaches surfaces up to r beyond the plane through its centre.
+    """
+    upward = 0.5 + 0.5 * normals[:, 1:2]
+    ambient = SKY * upward + BOUNCE * (1 - upward)
+    cosine = normals @ np.array(light.direction, np.float32)
+    wrap = np.float32(np.sin(light.radius))
+    key = np.where(cosine > wrap, cosine, np.maximum(cosine + wrap, 0) ** 2 / (4 * wrap))
+    return ambient, KEY * key[:, None]
+
+
+def shade(
+    mesh: PictureMesh, seen: Fragments, camera: Camera, light: AreaLight, shading: str
+) -> tuple[Float32Array, Float32Array]:
+    """Return the linear colours, (m, 3) float32, and the depths along the view, (m,) float32, of m fragments."""
+    faces, local = _distinct(seen.index, len(mesh.corners))
+    corners = mesh.corners[faces] - camera.eye
+    weights, facing = _barycentric(corners, local, camera.rays(seen.x, seen.y + camera.rows[0]))
+    back = (facing > 0) ^ mesh.flipped[faces]
+    normals = _interpolate(mesh.normals[faces], local, weights)
+    normals /= np.maximum(np.sqrt(np.einsum("mx,mx->m", normals, normals)), 1e-12)[:, None]
+    back = back[local]
+    normals[back] *= -1
+    ambient, key = irradiance(normals, light)
+    if shading != "clay" and mesh.source.ao is not None and mesh.source.uvs is not None:
+        uvs = mesh.source.uvs[faces]
+        level = _texture_level(uvs, mesh.source.ao.shape, camera.project(mesh.corners[faces]))
+        occlusion = _trilinear(mesh.mips, _interpolate(uvs, local, weights), level[local])
+        occlusion[~mesh.source.textured[faces][local]] = 1
+        ambient *= occlusion[:, None]
+    color = np.broadcast_to(CLAY, ambient.shape)
+    if shading == "material" and mesh.source.base_colors:
+        color = _base_colors(mesh, faces, local, weights)
+    linear: Float32Array = color * (ambient + key)
+    linear[back] *= INSIDE
+    depth = _interpolate(-(corners @ camera.axes[2])[..., None], local, weights)[:, 0]
+    return linear, depth
+
+
+def shade_spheres(
+    centers: Float64Array, radii: Float64Array, seen: Fragments, camera: Camera, light: AreaLight
+) -> tuple[Float32Array, Float32Array]:
+    """Return the linear colours, (m, 3) float32, and the depths, (m,) float32, of m fragments of spheres."""
+    rays = camera.rays(seen.x, seen.y + camera.rows[0])
+    towards = (centers - camera.eye).astype(np.float32)[seen.index]
+    a, b = (np.einsum("mx,mx->m", rays, other) for other in (rays, towards))
+    closest = (b / a)[:, None] * rays - towards
+    inside = radii.astype(np.float32)[seen.index] ** 2 - np.einsum("mx,mx->m", closest, closest)
+    depth: Float32Array = (b - np.sqrt(np.maximum(inside, 0) * a)) / a
+    normals = depth[:, None] * rays - towards
+    normals /= np.maximum(np.sqrt(np.einsum("mx,mx->m", normals, normals)), 1e-12)[:, None]
+    ambient, key = irradiance(normals, light)
+    return SPHERE * (ambient + key), depth
+
+
+def encode(linear: Float32Array) -> UInt8Array:
+    """Return linear values as sRGB bytes (IEC 61966-2-1)."""
+    steps = 4096
+    table = np.arange(steps + 1) / steps
+    table = np.where(table < 0.0031308, 12.92 * table, 1.055 * np.maximum(table, 1e-9) ** (1 / 2.4) - 0.055)
+    at = np.clip(linear, 0, 1) * np.float32(steps)
+    low = np.minimum(at.astype(np.int32), steps - 1)
+    values = table.astype(np.float32)
+    mixed = values[low] + (values[low + 1] - values[low]) * (at - low)
+    bytes_: UInt8Array = (255 * mixed + 0.5).astype(np.uint8)
+    return bytes_
+
+
+def decode(values: UInt8Array) -> Float32Array:
+    """Return sRGB bytes as linear values."""
+    table = np.arange(256) / 255
+    table = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4)
+    linear: Float32Array = table.astype(np.float32)[values]
+    return linear
+
+
+def _distinct(index: NDArray[np.int32], count: int) -> tuple[Int64Array, Int64Array]:
+    """Return the distinct values of (m,) indices below count, and which of them each is."""
+    seen = np.zeros(count, bool)
+    seen[index] = True
+    return np.flatnonzero(seen), (np.cumsum(seen) - 1)[index]
+
+
+def _barycentric(corners: Float64Array, local: Int64Array, rays: Float32Array) -> tuple[Float32Array, Float64Array]:
+    """Return where rays from the origin meet triangles: weights, (m, 3); the triangles' determinants, (v,).
+
+    The weight of a corner is as the volume of the parallelepiped of the ray and the two others
+    (T. Moeller, B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997).
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    volumes = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    facing = np.einsum("vx,vx->v", a, volumes[:, 0])
+    scale = np.abs(volumes).max(axis=(1, 2), keepdims=True)
+    scaled = (volumes / np.where(scale > 0, scale, 1)).astype(np.float32)
+    weights = np.einsum("mcx,mx->mc", scaled[local], rays)
+    weights *= np.where(facing < 0, np.float32(-1), np.float32(1))[local][:, None]
+    np.maximum(weights, 0, out=weights)
+    total = weights.sum(axis=1, keepdims=True)
+    return np.where(total > 0, weights / np.where(total > 0, total, 1), np.float32(1 / 3)), facing
+
+
+def _interpolate(values: NDArray[np.floating], local: Int64Array, weights: Float32Array) -> Float32Array:
+    """Interpolate values at corners, (v, 3, x); returns (m, x) float32."""
+    values = values.astype(np.float32)
+    mixed: Float32Array = sum(weights[:, k : k + 1] * values[local, k] for k in range(3))
+    return mixed
+
+
+def _texture_level(uvs: Float64Array, shape: tuple[int, ...], projected: Float64Array) -> Float32Array:
+    """Return the mip level at which a texel is as large as a pixel, by triangle, (v,), as OpenGL chooses it."""
+    texels = uvs * np.array([shape[1], shape[0]])
+    (ux, uy), (vx, vy) = ((texels[:, k] - texels[:, 0]).T for k in (1, 2))
+    (px, py), (qx, qy) = ((projected[:, k, :2] - projected[:, 0, :2]).T for k in (1, 2))
+    area = px * qy - py * qx
+    area = np.where(np.abs(area) > 1e-9, area, 1e-9)
+    across = np.hypot(ux * qy - vx * py, uy * qy - vy * py) / np.abs(area)
+    down = np.hypot(vx * px - ux * qx, vy * px - uy * qx) / np.abs(area)
+    level: Float32Array = (
+        np.log2(np.maximum(np.maximum(across, down), 1e-6)).clip(0, _MAX_LEVELS - 1).astype(np.float32)
+    )
+    return level
+
+
+def _trilinear(mips: list[Float32Array], uvs: Float32Array, level: Float32Array) -> Float32Array:
+    """Look (m, 2) UVs up between the mip levels of (m,) level."""
+    level = np.minimum(level, len(mips) - 1)
+    whole = level.astype(np.int64)
+    part = level - whole
+    values = np.zeros(len(uvs), np.float32)
+    for number, image in enumerate(mips):
+        for chosen, share in ((whole == number, 1 - part), ((whole == number - 1) & (part > 0), part)):
+            index = np.flatnonzero(chosen)
+            if len(index):
+                values[index] += share[index] * _bilinear(image[..., None], uvs[index])[:, 0]
+    return values
+
+
+def _bilinear(image: Float32Array, uvs: Float32Array) -> Float32Array:
+    """Look (m, 2) UVs up in an image, (h, w, c), that repeats; returns (m, c) float32."""
+    height, width, channels = image.shape
+    left, right, across = bilinear_taps(uvs[:, 0] * width, width, "repeat")
+    above, below, down = bilinear_taps((1 - uvs[:, 1]) * height, height, "repeat")
+    across, down = across[:, None], down[:, None]
+    texels = image.reshape(-1, channels)
+    upper = texels[above * width + left] * (1 - across) + texels[above * width + right] * across
+    lower = texels[below * width + left] * (1 - across) + texels[below * width + right] * across
+    values: Float32Array = upper * (1 - down) + lower * down
+    return values
+
+
+def _base_colors(mesh: PictureMesh, faces: Int64Array, local: Int64Array, weights: Float32Array) -> Float32Array:
+    """Return the base colours of fragments, (m, 3)."""
+    color = np.empty((len(local), 3), np.float32)
+    for part, base in zip(mesh.source.scene.parts, mesh.source.base_colors, strict=True):
+        low, high = np.searchsorted(faces, [part.start, part.stop])
+        index = np.flatnonzero((local >= low) & (local < high))
+        color[index] = np.array(base.factor, np.float32)
+        if len(index) and base.texture is not None and base.uvs is not None:
+            uvs = _interpolate(base.uvs[faces[low:high] - part.start], local[index] - low, weights[index])
+            color[index] *= _bilinear(decode(base.texture), uvs)
+    return color

@@ -1,0 +1,261 @@
+"""What the samples of a picture see: the triangle of each, by OpenGL or rays, and the fragments that are shaded."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from aoprecalc.raster.spans import expand_counts
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
+from aoprecalc.visibility.rays import RayCaster
+
+_RAYS = 1 << 20  # made at a time
+_FAR = 4.0  # radii: rays from the ground start there, outside the mesh
+
+
+class SurfaceDrawer(Protocol):
+    """Draws the triangles of one mesh; both their sides are visible and cast shadows."""
+
+    def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
+        """Return the index of the triangle that each sample sees, (height, width) int32; -1 where there is none.
+
+        matrix   (4, 4): from positions to OpenGL's clip space; row 0 is at y = -1
+        """
+        ...
+
+    def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
+        """Return how many of the directions towards light are blocked at points of the ground, (size, size) float32.
+
+        directions   (d, 3) unit vectors, y > 0
+        ground       the height y of the ground
+        window       x and z of the first corner of the square, and its side, (3,); rows along z, columns along x
+        """
+        ...
+
+
+class RayDrawer:
+    """A SurfaceDrawer that casts rays."""
+
+    def __init__(self, corners: Float32Array, threads: int = 0) -> None:
+        """Build over triangles, (o, 3, 3) float32 corners with o >= 1."""
+        self._caster = RayCaster(corners, threads)
+
+    def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
+        """Return the index of the triangle that each sample sees, see SurfaceDrawer."""
+        back = np.asarray(np.linalg.inv(matrix), np.float64)
+        x = _clip_coordinates(0, width, width)
+        indices = np.empty((height, width), np.int32)
+        rows = max(_RAYS // width, 1)
+        for first in range(0, height, rows):
+            band = slice(first, min(first + rows, height))
+            near, far = (
+                _unproject(back, x, _clip_coordinates(band.start, band.stop, height), depth) for depth in (-1.0, 1.0)
+            )
+            indices[band] = self._caster.first_hits(near, far - near).reshape(-1, width)
+        return indices
+
+    def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
+        """Return how many directions are blocked, see SurfaceDrawer."""
+        x, z = (corner + (np.arange(size) + 0.5) * (window[2] / size) for corner in window[:2])
+        points = np.full((size, size, 3), ground)
+        points[..., 0], points[..., 2] = x, z[:, None]
+        counts = np.zeros(size * size, np.float32)
+        for direction in directions:
+            # From afar back to the ground: what touches the ground itself counts as well.
+            origins = (points + _FAR / direction[1] * direction).reshape(-1, 3).astype(np.float32)
+            counts += self._caster.occluded(origins, -direction[None].astype(np.float32))
+        return counts.reshape(size, size)
+
+
+class SphereDrawer:
+    """A SurfaceDrawer of n spheres: what is seen and what casts shadows are spheres, not triangles."""
+
+    def __init__(self, centers: Float64Array, radii: Float64Array) -> None:
+        """Take (n, 3) centres and (n,) radii >= 0."""
+        self._centers, self._radii = centers, radii
+
+    def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
+        """Return the index of the sphere that each sample sees, see SurfaceDrawer."""
+        indices = np.full((height, width), -1, np.int32)
+        nearest = np.full((height, width), np.inf, np.float32)
+        back = np.asarray(np.linalg.inv(matrix), np.float64)
+        columns, rows = _sphere_bounds(self._centers, self._radii, matrix, width, height)
+        for number, (center, radius) in enumerate(zip(self._centers, self._radii, strict=True)):
+            box = slice(*rows[number]), slice(*columns[number])
+            if box[0].start >= box[0].stop or box[1].start >= box[1].stop:
+                continue
+            (top, bottom), (left, right) = rows[number], columns[number]
+            x, y = _clip_coordinates(left, right, width), _clip_coordinates(top, bottom, height)
+            along = _ray_parameter(back, x, y, center, radius)
+            closer = along < nearest[box]
+            nearest[box][closer] = along[closer]
+            indices[box][closer] = number
+        return indices
+
+    def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
+        """Return how many directions are blocked, see SurfaceDrawer."""
+        above = self._centers[:, 1] + self._radii > ground
+        centers = self._centers[above]
+        scale = size / window[2]
+        radii = self._radii[above] * scale
+        counts = np.zeros(size * size, np.float32)
+        for light in directions:
+            along = light[[0, 2]] / light[1]
+            at = (centers[:, [0, 2]] - along * (centers[:, 1:2] - ground) - window[:2]) * scale
+            counts += _covered_by_ellipses(at[:, 0], at[:, 1], radii, light, size)
+        return counts.reshape(size, size)
+
+
+def _clip_coordinates(begin: int, end: int, size: int) -> Float64Array:
+    """Return where samples begin to end of `size` lie between -1 and 1."""
+    return np.asarray((np.arange(begin, end) + 0.5) * (2 / size) - 1, np.float64)
+
+
+def _ray_parameter(
+    back: Float64Array, x: Float64Array, y: Float64Array, center: Float64Array, radius: float
+) -> Float32Array:
+    """Return where rays first meet a sphere, (h, w) float32, from 0 at the near to 1 at the far plane; else inf.
+
+    back   from clip space to positions; the rays go through (w,) x and (h,) y there
+    """
+    near, far = (
+        (_unproject(back, x, y, depth) - center.astype(np.float32)).reshape(len(y), len(x), 3) for depth in (-1.0, 1.0)
+    )
+    ray = far - near
+    a, b = (np.einsum("hwx,hwx->hw", ray, other) for other in (ray, near))
+    # The squared distance of the centre from the ray: without the cancellation of the usual discriminant.
+    closest = near - (b / a)[..., None] * ray
+    inside = np.float32(radius**2) - np.einsum("hwx,hwx->hw", closest, closest)
+    return np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0) * a)) / a, np.float32(np.inf))
+
+
+def _sphere_bounds(
+    centers: Float64Array, radii: Float64Array, matrix: Float64Array, width: int, height: int
+) -> tuple[Int64Array, Int64Array]:
+    """Return the columns and the rows, (n, 2) begin and end each, of the samples that spheres may cover.
+
+    (C. Sigg et al., "GPU-Based Ray-Casting of Quadratic Surfaces", Point-Based Graphics 2006.)
+    """
+    x, y, _, w = (row[:3] for row in matrix)
+    at = np.column_stack([centers, np.ones(len(centers))]) @ matrix.T
+    squared = radii**2
+    a = at[:, 3] ** 2 - squared * (w @ w)
+    bounds = []
+    for axis, row, size in ((0, x, width), (1, y, height)):
+        b = at[:, axis] * at[:, 3] - squared * (row @ w)
+        c = at[:, axis] ** 2 - squared * (row @ row)
+        half = np.sqrt(np.maximum(b * b - a * c, 0))
+        ends = (np.stack([b - half, b + half], axis=1) / a[:, None] + 1) * size / 2
+        ends = np.stack([np.floor(ends[:, 0] - 0.5), np.ceil(ends[:, 1] + 0.5)], axis=1)
+        bounds.append(np.clip(ends, 0, size).astype(np.int64))
+    return bounds[0], bounds[1]
+
+
+def _covered_by_ellipses(
+    x: Float64Array, z: Float64Array, radii: Float64Array, light: Float64Array, size: int
+) -> BoolArray:
+    """Return which points of a square grid lie in the shadow of any of n spheres in one direction, (size * size,).
+
+    x, z, radii   (n,), in steps of the grid, whose points are at halves: where the centres' shadows are
+    """
+    # A point e from the shadow of the centre is in shadow where |e|^2 - (e.l)^2 <= r^2.
+    a = 1 - light[0] ** 2
+    reach = radii * np.sqrt(a) / light[1]
+    first = np.clip(np.ceil(z - reach - 0.5), 0, size).astype(np.int64)
+    end = np.clip(np.floor(z + reach - 0.5) + 1, 0, size).astype(np.int64)
+    pitch = size + 1
+    changes = np.zeros(size * pitch, np.int64)
+    for sphere, step in expand_counts(np.maximum(end - first, 0)):
+        row = first[sphere] + step
+        away = row + 0.5 - z[sphere]
+        b = light[0] * light[2] * away
+        half = np.sqrt(np.maximum(b * b - a * (away**2 * (1 - light[2] ** 2) - radii[sphere] ** 2), 0))
+        begin, stop = (
+            np.clip(np.ceil(x[sphere] + (b + sign * half) / a - 0.5), 0, size).astype(np.int64) for sign in (-1, 1)
+        )
+        changes += np.bincount(row * pitch + begin, minlength=len(changes))
+        changes -= np.bincount(row * pitch + stop, minlength=len(changes))
+    covered: BoolArray = np.cumsum(changes.reshape(size, pitch)[:, :size], axis=1) > 0
+    return covered.ravel()
+
+
+def _unproject(back: Float64Array, x: Float64Array, y: Float64Array, depth: float) -> Float32Array:
+    """Return the points at (w,) x and (h,) y of a plane of clip space, (h * w, 3) float32."""
+    points = back[:, 0] * x[:, None] + (back[:, 1] * y[:, None, None] + back[:, 2] * depth + back[:, 3])
+    return (points[..., :3] / points[..., 3:]).reshape(-1, 3).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Fragments:
+    """What is shaded: each triangle in each pixel once, where the mean of its samples is. m fragments, pixel by pixel.
+
+    As multisampling does, but for the place (K. Akeley, "RealityEngine Graphics", SIGGRAPH 1993).
+
+    pixel    (m,) int32: row * columns + column, ascending
+    index    (m,) int32: of the triangle
+    x, y     (m,) float32: the place in pixels, from the upper left corner of the rows drawn
+    weight   (m,) float32: its share of the pixel
+    """
+
+    pixel: Int32Array
+    index: Int32Array
+    x: Float32Array
+    y: Float32Array
+    weight: Float32Array
+
+
+def fragments(indices: Int32Array, samples: int) -> Fragments:
+    """Join the samples of each pixel that see the same triangle.
+
+    indices   (rows * samples, columns * samples) int32, -1 where nothing is seen
+    samples   along each side of a pixel
+    """
+    rows, columns = (side // samples for side in indices.shape)
+    blocks = indices.reshape(rows, samples, columns, samples)
+    low, high = (
+        extreme.reduce([extreme.reduce([blocks[:, j, :, i] for j in range(samples)]) for i in range(samples)])
+        for extreme in (np.minimum, np.maximum)
+    )
+    whole: BoolArray = (low == high) & (low >= 0)
+    mixed = np.flatnonzero(low != high)
+    pixel, index, weight, place = _split(blocks, mixed, samples)
+    # Whole pixels are shaded at their centres.
+    all_pixels = np.concatenate([np.flatnonzero(whole), pixel])
+    order = np.argsort(all_pixels, kind="stable")
+    count = len(all_pixels) - len(pixel)
+    centres = np.full((count, 2), 0.5, np.float32)
+    offsets = np.concatenate([centres, place])[order]
+    pixels = all_pixels[order].astype(np.int32)
+    return Fragments(
+        pixel=pixels,
+        index=np.concatenate([low[whole], index])[order],
+        x=(pixels % columns + offsets[:, 0]).astype(np.float32),
+        y=(pixels // columns + offsets[:, 1]).astype(np.float32),
+        weight=np.concatenate([np.ones(count, np.float32), weight])[order],
+    )
+
+
+def _split(
+    blocks: Int32Array, mixed: Int64Array, samples: int
+) -> tuple[Int64Array, Int32Array, Float32Array, Float32Array]:
+    """Return pixel, index, weight and mean place, (m, 2), of the fragments of mixed pixels."""
+    row, column = np.divmod(mixed, blocks.shape[2])
+    count = samples * samples
+    keys = blocks[row, :, column].reshape(-1, count).astype(np.int64) * count + np.arange(count)
+    keys.sort(axis=1)
+    index, sample = np.divmod(keys, count)
+    begins = np.ones(index.shape, bool)
+    begins[:, 1:] = index[:, 1:] != index[:, :-1]
+    first = np.flatnonzero(begins)
+    if not len(first):
+        return mixed, np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros((0, 2), np.float32)
+    sizes = np.diff(first, append=index.size)
+    sums = np.add.reduceat(np.stack([sample % samples, sample // samples], axis=-1).reshape(-1, 2), first)
+    seen = index.ravel()[first] >= 0
+    place = (sums / sizes[:, None] + 0.5) / samples
+    return (
+        mixed[first // count][seen],
+        index.ravel()[first][seen].astype(np.int32),
+        (sizes[seen] / count).astype(np.float32),
+        place[seen].astype(np.float32),
+    )
