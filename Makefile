@@ -10,6 +10,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/.setup
+BROWSER := .venv/.browser
 PYTEST = $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
 .PHONY: setup demo test test-slow test-all lint docs docs-serve docs-linkcheck dist bench clean
@@ -21,6 +22,10 @@ $(SETUP): pyproject.toml scripts/setup-gl scripts/setup-validator tests/validato
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	sh scripts/setup-gl $(BIN)/python
 	sh scripts/setup-validator
+	@touch $@
+
+$(BROWSER): $(SETUP) scripts/setup-browser
+	sh scripts/setup-browser $(BIN)/python
 	@touch $@
 
 demo: $(SETUP)
@@ -38,10 +43,10 @@ demo: $(SETUP)
 test: $(SETUP)
 	$(PYTEST) -m "not slow"
 
-test-slow: $(SETUP)
+test-slow: $(BROWSER)
 	$(PYTEST) -m slow
 
-test-all: $(SETUP)
+test-all: $(BROWSER)
 	$(PYTEST)
 
 lint: $(SETUP)
