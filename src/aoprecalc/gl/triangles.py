@@ -11,10 +11,12 @@ _PACKAGE = "aoprecalc.gl"
 class TriangleDrawer:
     """The triangles of a mesh in an OpenGL context; both their sides are visible and cast shadows."""
 
-    def __init__(self, renderer: Renderer, corners: Float32Array) -> None:
-        """Upload triangles, (o, 3, 3) float32 corners with o >= 1."""
+    def __init__(self, renderer: Renderer, corners: Float32Array, casters: Float32Array) -> None:
+        """Upload the triangles that are seen, (o, 3, 3) float32 corners, and those that cast shadows, (s, 3, 3)."""
         self._context = renderer.context
-        self._corners = self._context.buffer(np.ascontiguousarray(corners, np.float32))
+        self._corners, self._casters = (
+            self._context.buffer(np.ascontiguousarray(triangles, np.float32)) for triangles in (corners, casters)
+        )
         self.max_size = int(self._context.info["GL_MAX_TEXTURE_SIZE"])
 
     def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
@@ -63,7 +65,7 @@ class TriangleDrawer:
         context.depth_func = ">"
         context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
         context.blend_func = moderngl.ONE, moderngl.ONE
-        shadows = context.vertex_array(program, self._corners, "in_position")
+        shadows = context.vertex_array(program, self._casters, "in_position")
         for number, direction in enumerate(directions):
             program["light"] = tuple(direction)
             program["depth"] = 2 * (number + 1) / (len(directions) + 1) - 1

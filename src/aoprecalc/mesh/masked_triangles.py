@@ -110,6 +110,7 @@ class MaskedTriangles:
     max_cuts     (n,): how often its sides may be halved before the longest is too short for a piece
     copy_starts  (n + 1,): where the copies of each begin in corners, and their end
     corners      (c, 3, 3) float64
+    faces        (c,): the face of the scene that each is
     """
 
     attributes: Float64Array
@@ -120,6 +121,7 @@ class MaskedTriangles:
     max_cuts: Int64Array
     copy_starts: Int64Array
     corners: Float64Array
+    faces: Int64Array
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Self | None:
@@ -137,7 +139,8 @@ class MaskedTriangles:
         texture_of = np.repeat([numbers[key] for key in keys], counts)
         cutoffs = np.repeat([mask.cutoff for _, mask in masked], counts)
         attributes = np.concatenate([_attributes(mask) for _, mask in masked])
-        corners = np.concatenate([scene.positions[scene.faces[faces]] for faces, _ in masked])
+        face_of = np.concatenate([np.arange(faces.start, faces.stop) for faces, _ in masked])
+        corners = scene.positions[scene.faces[face_of]]
 
         active = scene.corners[scene.occludes | scene.receives].reshape(-1, 3)
         min_side = _MIN_PIECE * np.linalg.norm(np.ptp(active, axis=0))
@@ -146,6 +149,7 @@ class MaskedTriangles:
         max_cuts = np.floor(np.log2(ratios))
         rows = np.column_stack([texture_of, cutoffs, max_cuts, attributes.reshape(-1, 9)])
         _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        by_root = np.argsort(inverse.ravel(), kind="stable")
         sizes = np.array([texture.varying_size for texture in textures])[texture_of[first]]
         longest_in_texels = (np.ptp(attributes[first, :, :2], axis=1) * sizes).max(axis=1)
         return cls(
@@ -156,7 +160,8 @@ class MaskedTriangles:
             halvings=np.ceil(np.log2((longest_in_texels / _MIN_NODE).clip(1, 1 << 30))).astype(np.int64),
             max_cuts=max_cuts[first].astype(np.int64),
             copy_starts=np.cumsum([0, *np.bincount(inverse.ravel())]),
-            corners=corners[np.argsort(inverse.ravel(), kind="stable")],
+            corners=corners[by_root],
+            faces=face_of[by_root],
         )
 
     def classify(self, nodes: Int32Array) -> NDArray[np.int8]:
@@ -237,8 +242,8 @@ class MaskedTriangles:
         each = np.array([0, 1, 2, 1])[(values >= 0).sum(axis=1)]
         return int(each @ np.diff(self.copy_starts)[nodes[:, 0]])
 
-    def pieces(self, nodes: Int32Array, values: Float64Array) -> Iterator[Float64Array]:
-        """Yield the opaque pieces, (o, 3, 3) corners, of (m, 5) nodes with (m, 3) values, for all copies."""
+    def pieces(self, nodes: Int32Array, values: Float64Array) -> Iterator[tuple[Float64Array, Int64Array]]:
+        """Yield the opaque pieces of (m, 5) nodes with (m, 3) values, for all copies: (o, 3, 3) corners, (o,) faces."""
         opaque = (values >= 0).sum(axis=1)
         corners = node_corners(nodes)
         weights, triangles = [corners[opaque == 3]], [nodes[opaque == 3, 0]]
@@ -261,7 +266,7 @@ class MaskedTriangles:
         index = np.repeat(np.arange(len(triangle)), counts)
         copy = np.arange(len(index)) + np.repeat(self.copy_starts[triangle] - np.cumsum(counts) + counts, counts)
         for chunk in _chunks(np.arange(len(index)), _CHUNK):
-            yield interpolate(self.corners[copy[chunk]], piece_weights[index[chunk]])
+            yield interpolate(self.corners[copy[chunk]], piece_weights[index[chunk]]), self.faces[copy[chunk]]
 
     def _chunks(self, triangle: Int32Array) -> Iterator[tuple[AlphaTexture, Int64Array]]:
         """Group root triangles, (m,), into chunks with one texture; yield it and their positions in `triangle`."""

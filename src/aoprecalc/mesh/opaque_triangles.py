@@ -25,7 +25,7 @@ from aoprecalc.mesh.masked_triangles import (
     quarter_values,
     shift_to_share,
 )
-from aoprecalc.types import BoolArray, Float64Array, Int32Array, Scene
+from aoprecalc.types import BoolArray, Float64Array, Int32Array, Int64Array, Scene
 
 _MAX_PIECES = 2_000_000
 _MAX_NODES = 1_000_000  # subdivided at once
@@ -37,10 +37,16 @@ def opaque_triangles(scene: Scene, max_pieces: int = _MAX_PIECES) -> Float64Arra
 
     max_pieces   into which the faces with a mask are cut; two for each are always allowed
     """
-    solid = scene.corners[scene.occludes & scene.per_face(part.material.alpha_mask is None for part in scene.parts)]
+    return opaque_pieces(scene, max_pieces)[0]
+
+
+def opaque_pieces(scene: Scene, max_pieces: int = _MAX_PIECES) -> tuple[Float64Array, Int64Array]:
+    """Return the opaque triangles, see `opaque_triangles`, and the face of the scene that each is a piece of, (o,)."""
+    uncut = np.flatnonzero(scene.occludes & scene.per_face(part.material.alpha_mask is None for part in scene.parts))
+    solid = scene.positions[scene.faces[uncut]]
     masked = MaskedTriangles.from_scene(scene)
     if masked is None:
-        return solid
+        return solid, uncut
     max_pieces = max(max_pieces, 2 * len(masked.corners))
     roots = np.zeros((len(masked.attributes), 5), np.int32)
     roots[:, 0], roots[:, 4] = np.arange(len(roots)), 1
@@ -52,7 +58,9 @@ def opaque_triangles(scene: Scene, max_pieces: int = _MAX_PIECES) -> Float64Arra
         final = certain, *cuts.final, (unknown[cuts.simple], cuts.values[cuts.simple])
         if sum(masked.count_pieces(*some) for some in final) <= max_pieces:
             break
-    return np.concatenate([solid, *(pieces for some in final for pieces in masked.pieces(*some))])
+    pieces = [piece for some in final for piece in masked.pieces(*some)]
+    corners, faces = zip((solid, uncut), *pieces, strict=True)
+    return np.concatenate(corners), np.concatenate(faces)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from aoprecalc.types import Float32Array, Float64Array
 _TANGENT = float(
     np.tan(np.radians(13.0))
 )  # of half the vertical angle of view: near enough for depth, hardly distorted
-_MARGIN = 0.86  # share of the picture's width and height that the framed points may fill
 _MIN_DISTANCE = 0.3  # of the eye from the nearest point, in radii: for needles seen from their tip, and points
 
 # Rows: the axes of the picture's frame in the mesh's coordinates, by the mesh's upward axis. Proper rotations.
@@ -139,19 +138,33 @@ def view_axes(azimuth: float, elevation: float) -> Float64Array:
     return np.stack([right, np.cross(towards, right), towards])
 
 
-def frame_views(views: Sequence[tuple[Float64Array, Float64Array]], width: int, height: int) -> list[Camera]:
+def frame_views(
+    views: Sequence[tuple[Float64Array, Sequence[tuple[Float64Array, float]]]], width: int, height: int
+) -> list[Camera]:
     """Place a camera for each view so that its points fill the picture, all at one distance and height.
 
-    views   the axes, (3, 3), and the points, (k, 3), of each
+    views   the axes of each, (3, 3), and its points, (k, 3), in groups that may fill a share of the width and height
     """
-    tangents = _MARGIN * np.array([_TANGENT * width / height, _TANGENT])
-    low, high, nearest = np.full(2, np.inf), np.full(2, -np.inf), -np.inf
-    for axes, points in views:
-        across, depth = points @ axes[:2].T, points @ axes[2]
-        # Each side of the picture is a plane through the eye, with all points on one side of it.
-        low = np.minimum(low, (across - tangents * depth[:, None]).min(axis=0))
-        high = np.maximum(high, (across + tangents * depth[:, None]).max(axis=0))
-        nearest = max(nearest, float(depth.max()))
-    distance = max(float(((high - low) / (2 * tangents)).max()), nearest + _MIN_DISTANCE)
-    offset = np.array([*((low + high) / 2), distance])
+    tangents = np.array([_TANGENT * width / height, _TANGENT])
+    nearest = -np.inf
+    # Each side of the picture is a plane through the eye, with all points on one side of it.
+    sides = []
+    for axes, groups in views:
+        for points, share in groups:
+            across, depth = points @ axes[:2].T, points @ axes[2]
+            lowest = (across - share * tangents * depth[:, None]).min(axis=0)
+            highest = (across + share * tangents * depth[:, None]).max(axis=0)
+            sides.append((lowest, highest, share))
+            nearest = max(nearest, float(depth.max()))
+    offset = np.zeros(3)
+    for axis in (0, 1):
+        # x - share t z >= offset - share t distance and x + share t z <= offset + share t distance, for all groups.
+        bounds = [(low[axis], high[axis], share * tangents[axis]) for low, high, share in sides]
+        distance = max((high - low) / (first + second) for low, _, first in bounds for _, high, second in bounds)
+        offset[2] = max(offset[2], distance)
+    offset[2] = max(offset[2], nearest + _MIN_DISTANCE)
+    for axis in (0, 1):
+        least = max(high[axis] - share * tangents[axis] * offset[2] for _, high, share in sides)
+        most = min(low[axis] + share * tangents[axis] * offset[2] for low, _, share in sides)
+        offset[axis] = (least + most) / 2
     return [Camera(axes, offset @ axes, _TANGENT, width, height, (0, height)) for axes, _ in views]

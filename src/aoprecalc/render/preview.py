@@ -3,15 +3,24 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from aoprecalc.gl.context import Renderer
+from aoprecalc.gl.triangles import TriangleDrawer
 from aoprecalc.options import PreviewOptions
 from aoprecalc.progress import Progress
 from aoprecalc.render.camera import Camera, PictureFrame, frame_views, view_axes
 from aoprecalc.render.shading import PictureMesh, encode, shade, shade_spheres
-from aoprecalc.render.shadow import AreaLight, GroundShadow, shadow_points
+from aoprecalc.render.shadow import (
+    AreaLight,
+    GroundShadow,
+    cast_shadow,
+    shadow_points,
+    shadow_window,
+    simplified,
+    sky_directions,
+)
 from aoprecalc.render.visible_surface import Fragments, RayDrawer, SphereDrawer, SurfaceDrawer, fragments
 from aoprecalc.types import Float32Array, Float64Array, Int32Array, Picture, TexturedMesh
 from aoprecalc.visibility.backend import open_renderer_or_rays
@@ -21,6 +30,8 @@ Spheres = tuple[Float64Array, Float64Array]
 _SAMPLES = 4  # along each side of a pixel
 _MAX_SAMPLES = 1 << 25  # drawn at once
 _LIGHT_TURN, _LIGHT_RISE, _LIGHT_RADIUS = -48.0, 52.0, np.radians(14.0)  # degrees from the camera; radians
+_FILL, _SHADOW_FILL = 0.84, 0.95  # share of the picture's width and height for the mesh, and for its shadow
+_SHADOW_REACH = 0.6  # share of the shadow that must be in the picture
 _MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there is a ground
 _CENTER, _CORNER = np.array([0.92, 0.92, 0.915], np.float32), np.array([0.76, 0.77, 0.775], np.float32)  # backdrop
 _KEY_SHARE, _SKY_SHARE = 0.42, 0.62  # of the ground's light
@@ -59,21 +70,25 @@ def preview_pictures(
     drawn = PictureMesh.from_mesh(mesh, frame)
     balls = None if spheres is None else (frame.points(spheres[0]), spheres[1] / frame.radius)
     points = _bounds(frame.points(mesh.scene.positions), balls)
+    ground = float(points[:, 1].min())
     azimuths = _azimuths(options)
     lights = [_light(azimuth) for azimuth in azimuths]
     panels = _panels(balls, options)
     width = -(-options.width // len(panels))
     views = []
     for azimuth, light in zip(azimuths, lights, strict=True):
-        shadow = shadow_points(points, float(points[:, 1].min()), light)
-        views.append((view_axes(azimuth, options.elevation), np.concatenate([points, shadow])))
+        reach = 1.0 if options.ground else _SHADOW_REACH
+        shadow = points + reach * (shadow_points(points, ground, light) - points)
+        views.append((view_axes(azimuth, options.elevation), [(points, _FILL), (shadow, _SHADOW_FILL)]))
     cameras = frame_views(views, width, options.height)
     pictures = []
     with (
         open_drawer(drawn, options, progress) as drawer,
         progress.stage("draw", len(cameras), "pictures"),
     ):
-        stage = _Stage(drawn, drawer, balls, None if balls is None else SphereDrawer(*balls), points, options.shading)
+        sphere_drawer = None if balls is None else SphereDrawer(*balls)
+        window = shadow_window(points, ground, lights)
+        stage = _Stage(drawn, drawer, balls, sphere_drawer, points, ground, window, options.shading)
         for camera, light in zip(cameras, lights, strict=True):
             drawings = [stage.draw(panel, camera, light) for panel in panels]
             drawings[0] = drawings[0][:, : options.width - width * (len(panels) - 1)]
@@ -85,15 +100,12 @@ def preview_pictures(
 @contextmanager
 def open_drawer(mesh: PictureMesh, options: PreviewOptions, progress: Progress) -> Iterator[SurfaceDrawer]:
     """Open what draws the mesh: OpenGL or rays, as the options ask for."""
-    corners = mesh.corners.astype(np.float32)
+    casters = simplified(mesh.pieces)
     with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
-        yield RayDrawer(corners, options.threads) if renderer is None else _gl_drawer(renderer, corners)
-
-
-def _gl_drawer(renderer: Renderer, corners: Float32Array) -> SurfaceDrawer:
-    from aoprecalc.gl.triangles import TriangleDrawer
-
-    return TriangleDrawer(renderer, corners)
+        if renderer is None:
+            yield RayDrawer(mesh.pieces, casters, options.threads)
+        else:
+            yield TriangleDrawer(renderer, mesh.pieces, casters)
 
 
 def _azimuths(options: PreviewOptions) -> list[float]:
@@ -144,6 +156,8 @@ class _Stage:
     """What stands on the ground.
 
     points   (k, 3) float64: bounds of everything
+    ground   the ground's height
+    window   the part of the ground that has shadows, see GroundShadow
     """
 
     mesh: PictureMesh
@@ -151,23 +165,33 @@ class _Stage:
     spheres: Spheres | None
     sphere_drawer: SurfaceDrawer | None
     points: Float64Array
+    ground: float
+    window: Float64Array
     shading: str
 
     def draw(self, panel: _Panel, camera: Camera, light: AreaLight) -> Picture:
         """Draw one panel."""
-        shadow = None
-        if camera.axes[2, 1] > _MIN_VIEW_RISE:
-            caster = self.sphere_drawer if panel.shadow_of_spheres else self.mesh_drawer
-            assert caster is not None
-            shadow = GroundShadow.cast(caster, self.points, light)
+        shadow = self._shadow(panel.shadow_of_spheres, light) if camera.axes[2, 1] > _MIN_VIEW_RISE else None
         rows = max(_MAX_SAMPLES // (camera.width * _SAMPLES * _SAMPLES), 1)
         return np.concatenate([self._draw_band(panel, band, light, shadow) for band in camera.bands(rows)])
+
+    def _shadow(self, of_spheres: bool, light: AreaLight) -> GroundShadow:
+        caster = self.sphere_drawer if of_spheres and self.sphere_drawer else self.mesh_drawer
+        key = cast_shadow(caster, light.directions(), self.ground, self.window)
+        sky = self._sky_shadows[of_spheres]
+        return GroundShadow(self.ground, self.window, key, sky)
+
+    @cached_property
+    def _sky_shadows(self) -> list[Float32Array]:
+        """The shadows in the light of the sky, of the mesh and of the spheres, if any."""
+        casters = [self.mesh_drawer, *([self.sphere_drawer] if self.sphere_drawer else [])]
+        return [cast_shadow(caster, sky_directions(), self.ground, self.window) for caster in casters]
 
     def _draw_band(self, panel: _Panel, camera: Camera, light: AreaLight, shadow: GroundShadow | None) -> Picture:
         linear = _backdrop(camera, shadow).reshape(-1, 3)
         depth = None
         if panel.mesh:
-            seen = self._fragments(self.mesh_drawer, camera)
+            seen = self._fragments(self.mesh_drawer, camera, self.mesh.face_of)
             colors, along = shade(self.mesh, seen, camera, light, self.shading)
             _composite(linear, colors, seen.pixel, seen.weight)
             if panel.spheres:
@@ -186,10 +210,12 @@ class _Stage:
             _composite(linear, colors, seen.pixel, weight.astype(np.float32))
         return encode(linear).reshape(*camera.shape, 3)
 
-    def _fragments(self, drawer: SurfaceDrawer, camera: Camera) -> Fragments:
+    def _fragments(self, drawer: SurfaceDrawer, camera: Camera, face_of: Int32Array | None = None) -> Fragments:
+        """Return what a camera sees; `face_of` is the index that each of the drawer's indices stands for."""
         height, width = camera.shape
-        matrix = camera.clip_matrix(self.points)
-        return fragments(drawer.visible(matrix, width * _SAMPLES, height * _SAMPLES), _SAMPLES)
+        samples = max(min(_SAMPLES, drawer.max_size // max(height, width)), 1)
+        indices = drawer.visible(camera.clip_matrix(self.points), width * samples, height * samples)
+        return fragments(indices if face_of is None else np.append(face_of, np.int32(-1))[indices], samples)
 
 
 def _composite(linear: Float32Array, colors: Float32Array, pixel: Int32Array, weight: Float32Array) -> None:
@@ -200,21 +226,12 @@ def _composite(linear: Float32Array, colors: Float32Array, pixel: Int32Array, we
 
 
 def _backdrop(camera: Camera, shadow: GroundShadow | None) -> Float32Array:
-    """Return the backdrop with the ground's shadow, (rows, width, 3) linear."""
-    height, width = camera.shape
-    x = np.arange(width) + 0.5
-    y = camera.rows[0] + np.arange(height) + 0.5
-    across, down = x / camera.width * 2 - 1, y / camera.height * 2 - 1
-    distance = ((across**2)[None] + (down**2)[:, None]) / 2
-    share = (distance / (distance + 0.6) * 1.6).astype(np.float32)[..., None]
-    linear: Float32Array = _CENTER + (_CORNER - _CENTER) * share
-    if shadow is None:
-        return linear
-    rays = camera.rays(x[None], y[:, None])
-    falls = rays[..., 1] < -1e-3
-    along = np.where(falls, (shadow.height - camera.eye[1]) / np.where(falls, rays[..., 1], 1), 0)
-    hit = falls & (along > 0)
-    at_x, at_z = (camera.eye[axis] + along[hit] * rays[hit][:, axis] for axis in (0, 2))
-    key, sky = shadow.look_up(at_x.astype(np.float32), at_z.astype(np.float32))
-    linear[hit] *= (1 - _KEY_SHARE * key - _SKY_SHARE * sky * (1 - _KEY_SHARE))[:, None]
+    """Return the backdrop with the ground's shadow, (rows, width, 3) linear: brightest in the middle."""
+    across = ((2 / camera.width) * (np.arange(camera.width) + 0.5) - 1).astype(np.float32)
+    down = ((2 / camera.height) * (np.arange(*camera.rows) + 0.5) - 1).astype(np.float32)
+    distance = (across**2 + down[:, None] ** 2) / 2
+    share = distance / (distance + np.float32(0.6)) * np.float32(1.6)
+    linear = np.asarray(_CENTER + (_CORNER - _CENTER) * share[..., None], np.float32)
+    if shadow is not None:
+        linear *= shadow.light(camera, _KEY_SHARE, _SKY_SHARE)[..., None]
     return linear

@@ -1,16 +1,21 @@
 """Soft shadows on the ground: of the key light, a disc of directions, and of the sky."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from aoprecalc.render.camera import Camera
 from aoprecalc.render.visible_surface import SurfaceDrawer
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, orthonormal_basis
 
 _SIZE = 384  # points of the ground along each side of the map
-_SKY_DIRECTIONS, _KEY_DIRECTIONS = 64, 64
+_SKY_DIRECTIONS, _KEY_DIRECTIONS = 96, 64
 _MIN_RISE = 0.12  # of a direction: what is nearer to the horizon casts shadows far beyond the picture
+_WIDEN, _MIN_SIDE = 1.6, 0.5  # side of the map in extents of the shadow, and the least one in radii
+_FADE = 0.3  # of half the side: where the shadow fades away
+_MANY_TRIANGLES, _STEP = 20_000, 0.01  # beyond as many triangles, vertices that cast shadows lie on a grid; radii
 _BLUR = 2.0  # points of the map: standard deviation of what hides the steps between directions
 
 
@@ -53,7 +58,7 @@ class GroundShadow:
     height   y of the ground
     window   x and z of the first corner of the square, and its side, (3,); rows along z, columns along x
     key      (n, n) float32 in [0, 1]: share of the key light that is blocked
-    sky      (n, n) float32 in [0, 1]: share of the sky that is blocked, weighted by the cosine to its normal
+    sky      (n, n) float32 in [0, 1]: share of the sky that is blocked, weighted by the cosine to the ground's normal
     """
 
     height: float
@@ -61,47 +66,53 @@ class GroundShadow:
     key: Float32Array
     sky: Float32Array
 
-    @classmethod
-    def cast(cls, drawer: SurfaceDrawer, points: Float64Array, light: AreaLight) -> "GroundShadow":
-        """Compute the shadows of what `drawer` draws, bounded by (k, 3) points, on the plane below it."""
-        height = float(points[:, 1].min())
-        window = shadow_window(points, height, light)
-        key, sky = (
-            drawer.count_shadows(directions, height, window, _SIZE) / np.float32(len(directions))
-            for directions in (light.directions(), sky_directions())
-        )
-        return cls(height, window, _blurred(key), _blurred(sky))
+    def light(self, camera: Camera, key_share: float, sky_share: float) -> Float32Array:
+        """Return the share of its light that the ground has in each pixel, (rows, width) float32; 1 above the horizon.
 
-    def look_up(self, x: Float32Array, z: Float32Array) -> tuple[Float32Array, Float32Array]:
-        """Return the blocked shares of the key light and of the sky at k points of the ground, (k,) each.
-
-        They fade to 0 towards the edge of the map.
+        key_share, sky_share   what the light's two parts would be without a shadow; the rest is never blocked
         """
+        lit = 1 - self._fade() * (np.float32(key_share) * self.key + np.float32(sky_share) * self.sky)
+        across, upward = camera.tangents
+        x = (2 / camera.width * (np.arange(camera.width) + 0.5) - 1) * across
+        y = (1 - 2 / camera.height * (np.arange(*camera.rows) + 0.5)) * upward
+        right, top, towards = camera.axes
+        rays = y[:, None] * top - towards  # through the middle column; the others differ along the horizontal `right`
+        light: Float32Array = np.ones(camera.shape, np.float32)
+        falling = np.flatnonzero(rays[:, 1] * (self.height - camera.eye[1]) > 0)
+        if len(falling):
+            along = (self.height - camera.eye[1]) / rays[falling, 1]
+            scale = len(lit) / self.window[2]
+            column, row = (
+                (
+                    ((camera.eye[axis] + along * rays[falling, axis] - corner) * scale)[:, None]
+                    + (along * right[axis] * scale)[:, None] * x
+                    - 0.5
+                ).astype(np.float32)
+                for axis, corner in ((0, self.window[0]), (2, self.window[1]))
+            )
+            light[falling] = _look_up(lit, column, row)
+        return light
+
+    def _fade(self) -> Float32Array:
+        """Return weights from 1 in the middle of the map to 0 at its edge, (n, n) float32."""
         size = len(self.key)
-        scale = size / self.window[2]
-        column, row = (x - self.window[0]) * scale - 0.5, (z - self.window[1]) * scale - 0.5
-        inside = (column >= 0) & (column < size - 1) & (row >= 0) & (row < size - 1)
-        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-        left, upper = column.astype(np.int64), row.astype(np.int64)
-        across, down = (column - left).astype(np.float32), (row - upper).astype(np.float32)
-        first = upper * size + left
-        # Smoothly from 1 in the middle to 0 at the edge of the inscribed circle.
-        distance = np.hypot(column - size / 2, row - size / 2) / (size / 2)
-        fade = np.where(inside, _smooth_step((1 - distance) / 0.3), 0).astype(np.float32)
-        shares = []
-        for values in (self.key.ravel(), self.sky.ravel()):
-            top = values[first] * (1 - across) + values[first + 1] * across
-            bottom = values[first + size] * (1 - across) + values[first + size + 1] * across
-            shares.append((top * (1 - down) + bottom * down) * fade)
-        return shares[0], shares[1]
+        at = (2 * np.arange(size, dtype=np.float32) + 1) / size - 1
+        distance = np.sqrt(at**2 + at[:, None] ** 2)
+        share = np.clip((1 - distance) / np.float32(_FADE), 0, 1)
+        return np.asarray(share * share * (3 - 2 * share), np.float32)
 
 
-def shadow_window(points: Float64Array, height: float, light: AreaLight) -> Float64Array:
+def cast_shadow(drawer: SurfaceDrawer, directions: Float64Array, height: float, window: Float64Array) -> Float32Array:
+    """Return the share of the directions towards light that are blocked at points of the ground, see GroundShadow."""
+    return _blurred(drawer.count_shadows(directions, height, window, _SIZE) / np.float32(len(directions)))
+
+
+def shadow_window(points: Float64Array, height: float, lights: Sequence[AreaLight]) -> Float64Array:
     """Return the square of the ground around (k, 3) points and their shadows, see GroundShadow."""
-    cast = shadow_points(points, height, light)
-    both = np.concatenate([points[:, [0, 2]], cast[:, [0, 2]]])
-    low, high = both.min(axis=0), both.max(axis=0)
-    side = max(1.6 * float((high - low).max()), 0.5)
+    casts = [points, *(shadow_points(points, height, light) for light in lights)]
+    low = np.min([cast[:, [0, 2]].min(axis=0) for cast in casts], axis=0)
+    high = np.max([cast[:, [0, 2]].max(axis=0) for cast in casts], axis=0)
+    side = max(_WIDEN * float((high - low).max()), _MIN_SIDE)
     return np.array([*((low + high - side) / 2), side])
 
 
@@ -112,18 +123,49 @@ def shadow_points(points: Float64Array, height: float, light: AreaLight) -> Floa
     return np.stack([points[:, 0] - rise * x, np.full(len(points), height), points[:, 2] - rise * z], axis=1)
 
 
-def _smooth_step(value: Float64Array) -> Float64Array:
-    value = np.clip(value, 0, 1)
-    return value * value * (3 - 2 * value)
+def simplified(corners: Float32Array) -> Float32Array:
+    """Return few triangles, (s, 3, 3), whose shadows are those of (o, 3, 3) corners, where these are very many.
+
+    Vertices are moved to a grid as fine as the map of the ground; triangles without area go (J. Rossignac,
+    P. Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993).
+    """
+    if len(corners) <= _MANY_TRIANGLES:
+        return corners
+    steps = np.rint((corners + 1) / np.float32(_STEP)).astype(np.int64)
+    keys = np.sort((steps[..., 0] << 40) + (steps[..., 1] << 20) + steps[..., 2], axis=1)
+    keys = keys[(keys[:, 0] < keys[:, 1]) & (keys[:, 1] < keys[:, 2])]
+    keys = np.unique(keys, axis=0) if len(keys) else np.zeros((1, 3), np.int64)
+    back = np.stack([keys >> 40, keys >> 20 & 0xFFFFF, keys & 0xFFFFF], axis=-1)
+    return (back * _STEP - 1).astype(np.float32)
+
+
+def _look_up(values: Float32Array, column: Float32Array, row: Float32Array) -> Float32Array:
+    """Look (n, n) values up at k places, in texels from the centre of the first; 1 outside. Bilinear."""
+    size = len(values)
+    inside = (column >= 0) & (column < size - 1) & (row >= 0) & (row < size - 1)
+    found = np.ones(column.shape, np.float32)
+    column, row = column[inside], row[inside]
+    left, upper = column.astype(np.int32), row.astype(np.int32)
+    across, down = column - left, row - upper
+    first = upper * size + left
+    flat = values.ravel()
+    top = flat[first]
+    top += (flat[first + 1] - top) * across
+    bottom = flat[first + size]
+    bottom += (flat[first + size + 1] - bottom) * across
+    found[inside] = top + (bottom - top) * down
+    return found
 
 
 def _blurred(values: Float32Array) -> Float32Array:
     """Convolve (n, n) values with a Gaussian."""
     reach = int(3 * _BLUR)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _BLUR) ** 2)
-    weights /= weights.sum()
+    weights = (weights / weights.sum()).astype(np.float32)
     for _ in range(2):
         padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
-        blurred = sum(weight * padded[k : k + len(values)] for k, weight in enumerate(weights.astype(np.float32)))
-        values = np.ascontiguousarray(np.asarray(blurred, np.float32).T)
+        blurred = np.zeros_like(values)
+        for k, weight in enumerate(weights):
+            blurred += weight * padded[k : k + len(values)]
+        values = np.ascontiguousarray(blurred.T)
     return values

@@ -10,11 +10,16 @@ from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, I
 from aoprecalc.visibility.rays import RayCaster
 
 _RAYS = 1 << 20  # made at a time
-_FAR = 4.0  # radii: rays from the ground start there, outside the mesh
+_FAR = 4.0  # radii: shadow rays start as high above the ground, outside the mesh
 
 
 class SurfaceDrawer(Protocol):
-    """Draws the triangles of one mesh; both their sides are visible and cast shadows."""
+    """Draws the triangles of one mesh; both their sides are visible and cast shadows.
+
+    max_size   samples along the longest side of what is drawn at once
+    """
+
+    max_size: int
 
     def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
         """Return the index of the triangle that each sample sees, (height, width) int32; -1 where there is none.
@@ -36,39 +41,52 @@ class SurfaceDrawer(Protocol):
 class RayDrawer:
     """A SurfaceDrawer that casts rays."""
 
-    def __init__(self, corners: Float32Array, threads: int = 0) -> None:
-        """Build over triangles, (o, 3, 3) float32 corners with o >= 1."""
-        self._caster = RayCaster(corners, threads)
+    max_size = 1 << 30
+
+    def __init__(self, corners: Float32Array, casters: Float32Array, threads: int = 0) -> None:
+        """Build over the triangles that are seen, (o, 3, 3) corners, and those that cast shadows, (s, 3, 3)."""
+        self._seen = RayCaster(corners, threads)
+        self._casters = self._seen if casters is corners else RayCaster(casters, threads)
+        self._box, self._caster_box = _box(corners), _box(casters)
 
     def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
         """Return the index of the triangle that each sample sees, see SurfaceDrawer."""
+        indices = np.full((height, width), -1, np.int32)
+        box = np.column_stack([self._box, np.ones(8)]) @ matrix.T
+        (left, right), (top, bottom) = (
+            _span((box[:, axis] / box[:, 3] + 1) * (size / 2), size) for axis, size in ((0, width), (1, height))
+        )
         back = np.asarray(np.linalg.inv(matrix), np.float64)
-        x = _clip_coordinates(0, width, width)
-        indices = np.empty((height, width), np.int32)
-        rows = max(_RAYS // width, 1)
-        for first in range(0, height, rows):
-            band = slice(first, min(first + rows, height))
-            near, far = (
-                _unproject(back, x, _clip_coordinates(band.start, band.stop, height), depth) for depth in (-1.0, 1.0)
-            )
-            indices[band] = self._caster.first_hits(near, far - near).reshape(-1, width)
+        x = _clip_coordinates(left, right, width)
+        rows = max(_RAYS // max(len(x), 1), 1)
+        for first in range(top, bottom, rows):
+            end = min(first + rows, bottom)
+            near, far = (_unproject(back, x, _clip_coordinates(first, end, height), depth) for depth in (-1.0, 1.0))
+            indices[first:end, left:right] = self._seen.first_hits(near, far - near).reshape(-1, len(x))
         return indices
 
     def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
         """Return how many directions are blocked, see SurfaceDrawer."""
-        x, z = (corner + (np.arange(size) + 0.5) * (window[2] / size) for corner in window[:2])
-        points = np.full((size, size, 3), ground)
-        points[..., 0], points[..., 2] = x, z[:, None]
-        counts = np.zeros(size * size, np.float32)
+        step = window[2] / size
+        counts = np.zeros((size, size), np.float32)
         for direction in directions:
+            along = direction / direction[1]
+            shadow = self._caster_box - (self._caster_box[:, 1:2] - ground) * along
+            columns, rows = (_span((shadow[:, k] - at) / step, size) for k, at in ((0, window[0]), (2, window[1])))
             # From afar back to the ground: what touches the ground itself counts as well.
-            origins = (points + _FAR / direction[1] * direction).reshape(-1, 3).astype(np.float32)
-            counts += self._caster.occluded(origins, -direction[None].astype(np.float32))
-        return counts.reshape(size, size)
+            origins = np.empty((rows[1] - rows[0], columns[1] - columns[0], 3), np.float32)
+            origins[..., 0] = window[0] + (np.arange(*columns) + 0.5) * step + _FAR * along[0]
+            origins[..., 1] = ground + _FAR
+            origins[..., 2] = (window[1] + (np.arange(*rows) + 0.5) * step + _FAR * along[2])[:, None]
+            hits = self._casters.occluded(origins.reshape(-1, 3), -direction[None].astype(np.float32))
+            counts[slice(*rows), slice(*columns)] += hits.reshape(origins.shape[:2])
+        return counts
 
 
 class SphereDrawer:
     """A SurfaceDrawer of n spheres: what is seen and what casts shadows are spheres, not triangles."""
+
+    max_size = 1 << 30
 
     def __init__(self, centers: Float64Array, radii: Float64Array) -> None:
         """Take (n, 3) centres and (n,) radii >= 0."""
@@ -104,6 +122,19 @@ class SphereDrawer:
             at = (centers[:, [0, 2]] - along * (centers[:, 1:2] - ground) - window[:2]) * scale
             counts += _covered_by_ellipses(at[:, 0], at[:, 1], radii, light, size)
         return counts.reshape(size, size)
+
+
+def _box(corners: Float32Array) -> Float64Array:
+    """Return the corners of the bounding box of (o, 3, 3) corners, (8, 3)."""
+    points = corners.reshape(-1, 3)
+    ends = np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float64)
+    return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])
+
+
+def _span(places: Float64Array, size: int) -> tuple[int, int]:
+    """Return the first and the end of `size` samples, with centres at halves, that places lie among."""
+    low, high = np.clip([np.floor(places.min() - 0.5), np.ceil(places.max() + 0.5)], 0, size)
+    return int(low), int(high)
 
 
 def _clip_coordinates(begin: int, end: int, size: int) -> Float64Array:
