@@ -99,7 +99,7 @@ def shade(
         occlusion = _trilinear(mesh.mips, _interpolate(uvs, local, weights), level[local])
         occlusion[~mesh.source.textured[faces][local]] = 1
         ambient *= occlusion[:, None]
-        key *= _seen_through_opening(occlusion, normals @ np.array(light.direction, np.float32))[:, None]
+        key *= self_shadow(occlusion, normals @ np.array(light.direction, np.float32))[:, None]
     color = np.broadcast_to(CLAY, ambient.shape)
     if shading == "material" and mesh.source.base_colors:
         color = _base_colors(mesh, faces, local, weights)
@@ -109,16 +109,14 @@ def shade(
     return linear, depth
 
 
-def _seen_through_opening(occlusion: Float32Array, cosine: Float32Array) -> Float32Array:
-    """Return how well a light is seen, (m,), from its cosine to the normal: a stand-in for the mesh's own shadow.
+def self_shadow(occlusion: Float32Array, cosine: Float32Array) -> Float32Array:
+    """Return the share of a light that the mesh's own shadow leaves, (m,): a guess from the AO and the light's cosine.
 
-    If a point sees out through a round opening about its normal, then the AO is sin^2 of the opening's half angle: a
-    light inside that cone is seen, one outside fades away. A smooth form of D. Chan's "micro-shadowing" ("Material
-    Advances in Call of Duty: WWII", SIGGRAPH 2018): 1 about the normal, and where the AO is 1.
+    A light along the normal is seen, one along the surface as well as the AO says. D. Chan's "micro-shadowing" has the
+    same aim, and a sharper edge ("Material Advances in Call of Duty: WWII", SIGGRAPH 2018).
     """
-    blocked = 1 - np.minimum(occlusion, 1)
-    squared = np.maximum(cosine, 0) ** 2
-    seen: Float32Array = squared * (1 + blocked) / np.maximum(squared + blocked, np.float32(1e-6))
+    along = np.maximum(cosine, 0) ** 2
+    seen: Float32Array = occlusion + (1 - occlusion) * along
     return seen
 
 
