@@ -19,7 +19,7 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import build_layout
-from aoprecalc.render import preview_panels
+from aoprecalc.render.rasterizer import preview_panels
 from aoprecalc.spheres import fit_sphere_set
 from aoprecalc.types import Baked, Scene
 

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.render import preview_image, preview_panels
 from aoprecalc.render.rasterizer import (
     LIGHT_DIRECTION,
     Camera,
     ground_shadow,
     light_directions,
     mesh_caster,
+    preview_image,
+    preview_panels,
     rasterize_mesh,
     rasterize_spheres,
     shade,

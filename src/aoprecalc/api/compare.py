@@ -39,7 +39,7 @@ from aoprecalc.metrics import (
 from aoprecalc.options import CompareOptions, ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, notes_of, tell, warnings_of
-from aoprecalc.render import comparison_picture
+from aoprecalc.render.comparison import comparison_picture
 
 Kind = Literal["texture", "mesh", "spheres", "report"]
 

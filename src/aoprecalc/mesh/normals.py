@@ -2,8 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.topology import edge_ids
@@ -107,6 +105,9 @@ def _smooth_groups(faces: Int32Array, normals: Float64Array, angle: float) -> In
             joined_from.append(corner[same])
             joined_to.append(other[same])
     rows, columns = np.concatenate(joined_from), np.concatenate(joined_to)
+    from scipy.sparse import coo_array  # in functions: its import takes as long as a small preview
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(faces.size, faces.size))
     labels: Int32Array = connected_components(graph, directed=False)[1].astype(np.int32)
     return labels.reshape(faces.shape)

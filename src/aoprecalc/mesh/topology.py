@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from aoprecalc.types import BoolArray, Int32Array
 
@@ -82,6 +80,9 @@ def face_components(corners: Int32Array) -> Int32Array:
     size = int(corners.max()) + 1
     rows = np.concatenate([corners[:, 0], corners[:, 0]])
     columns = np.concatenate([corners[:, 1], corners[:, 2]])
+    from scipy.sparse import coo_array  # in functions: its import takes as long as a small preview
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
     labels = connected_components(graph, directed=False)[1]
     components: Int32Array = np.unique(labels[corners[:, 0]], return_inverse=True)[1].astype(np.int32)

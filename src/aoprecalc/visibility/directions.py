@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from aoprecalc.mesh.normals import area_vectors, normalize
 from aoprecalc.mesh.surface import active_positions
@@ -127,6 +126,8 @@ class Projections:
 
 def convex_hull_points(positions: Float64Array) -> Float64Array:
     """Return the corners of the convex hull of (v, 3) positions, in their plane if flat; of a line its two ends."""
+    from scipy.spatial import ConvexHull, QhullError  # in functions: slow to import
+
     principal = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2]
     for dimensions in (3, 2):
         try:

@@ -8,7 +8,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.gltf.buffers import GltfBuffer
@@ -254,6 +253,8 @@ def _link_spheres(link: ElementTree.Element, frame: Frame) -> Iterator[list[floa
 
 def _origin(element: ElementTree.Element) -> Frame:
     """Return the frame that an `origin` gives; raises ValueError where it has other than three numbers each."""
+    from scipy.spatial.transform import Rotation  # in functions: slow to import
+
     origin = element.find("origin")
     given = {} if origin is None else origin.attrib
     roll_pitch_yaw, offset = (
