@@ -15,6 +15,7 @@ import msgspec
 
 from aoprecalc.api.compare import CompareReport
 from aoprecalc.api.doctor import DoctorReport
+from aoprecalc.api.preview import PreviewReport
 from aoprecalc.api.reports import OMIT_NONE, BakeReport, Document, Report, SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.io.outputs import SCHEMAS
@@ -244,6 +245,7 @@ DOCUMENTS: dict[str, tuple[type[Report], str]] = {
     "cache": (CacheReport, "Output of aoprecalc cache --json"),
     "compare": (CompareReport, "Report of aoprecalc compare"),
     "doctor": (DoctorReport, "Output of aoprecalc doctor --json"),
+    "preview": (PreviewReport, "Output of aoprecalc preview --json"),
     "spheres": (SphereSetFile, "Sphere set of aoprecalc spheres"),
     "measure": (SphereMeasurement, "Output of aoprecalc spheres --measure --json"),
     "verify": (VerifyReport, "Report of aoprecalc verify"),

@@ -13,7 +13,7 @@ import aoprecalc
 ROOT = Path(aoprecalc.__file__).parent
 GUIDE = Path(__file__).parents[1] / "CONTRIBUTING.md"
 
-STANDARD_LIBRARY_ONLY = {"errors", "options", "progress", "subprocesses", "system", "__init__"}
+STANDARD_LIBRARY_ONLY = {"errors", "notebook", "options", "progress", "subprocesses", "system", "__init__"}
 NO_GL = {"spheres", "metrics", "io", "render", "mesh", "types"}
 MAX_LINES, MAX_MODULES = 400, 120
 

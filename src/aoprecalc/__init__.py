@@ -33,6 +33,9 @@ __all__ = [
     "InputError",
     "Mesh",
     "OutputError",
+    "PreviewOptions",
+    "PreviewReport",
+    "PreviewResult",
     "Progress",
     "RendererError",
     "SphereOptions",
@@ -52,6 +55,7 @@ __all__ = [
     "load",
     "load_spheres",
     "measure_spheres",
+    "preview",
     "verify",
 ]
 
@@ -61,6 +65,7 @@ if TYPE_CHECKING:
     from aoprecalc.api.compare import CompareReport, compare
     from aoprecalc.api.doctor import DoctorReport, doctor
     from aoprecalc.api.mesh import Mesh, load
+    from aoprecalc.api.preview import PreviewReport, PreviewResult, preview
     from aoprecalc.api.reports import BakeReport, SphereQuality
     from aoprecalc.api.spheres import SphereResult, fit_spheres, load_spheres, measure_spheres
     from aoprecalc.api.verify import VerifyReport, verify
@@ -69,6 +74,7 @@ if TYPE_CHECKING:
         BakeOptions,
         BatchOptions,
         CompareOptions,
+        PreviewOptions,
         SphereOptions,
         ValueOptions,
         VerifyOptions,
@@ -83,6 +89,7 @@ else:
         "api.compare": ("CompareReport", "compare"),
         "api.doctor": ("DoctorReport", "doctor"),
         "api.mesh": ("Mesh", "load"),
+        "api.preview": ("PreviewReport", "PreviewResult", "preview"),
         "api.reports": ("BakeReport", "SphereQuality"),
         "api.spheres": ("SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
         "api.verify": ("VerifyReport", "verify"),
@@ -91,6 +98,7 @@ else:
             "BakeOptions",
             "BatchOptions",
             "CompareOptions",
+            "PreviewOptions",
             "SphereOptions",
             "ValueOptions",
             "VerifyOptions",

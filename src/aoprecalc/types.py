@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.notebook import figure, spheres_drawing
 from aoprecalc.options import ValueOptions
 
 Float32Array = NDArray[np.float32]
@@ -379,3 +380,8 @@ class SphereSet:
 
     def __len__(self) -> int:
         return len(self.radii)
+
+    def _repr_html_(self) -> str:
+        """Draw the spheres for a notebook."""
+        line = f"{len(self)} spheres by {self.method}, radii {self.radii.min():.4g} to {self.radii.max():.4g}"
+        return figure([spheres_drawing(self.centers.tolist(), self.radii.tolist(), line)], line)

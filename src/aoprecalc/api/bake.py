@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -10,13 +11,16 @@ from aoprecalc.api.bake_scene import bake_report, bake_scene
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
+from aoprecalc.errors import counted
 from aoprecalc.io import Outputs, load_scene, read_image, source_files
 from aoprecalc.io.formats.base import output_uvs
+from aoprecalc.io.images import png_bytes
 from aoprecalc.io.outputs import write_json
 from aoprecalc.metrics.errors import TextureErrors
-from aoprecalc.options import BakeOptions, VerifyOptions, names_extensions
+from aoprecalc.notebook import figure, image
+from aoprecalc.options import BakeOptions, PreviewOptions, VerifyOptions, names_extensions
 from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
-from aoprecalc.types import Baked, BoolArray, Float32Array
+from aoprecalc.types import Baked, BoolArray, Float32Array, Picture
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
 
@@ -100,6 +104,52 @@ class BakeResult:
                 write_json(outputs.path(plan.report.path), document.to_dict())
         tell(progress or Progress(), written.messages)
         return written.files
+
+    def preview(self, options: PreviewOptions | None = None) -> Picture:
+        """Draw the mesh with its texture.
+
+        Parameters
+        ----------
+        options : PreviewOptions, optional
+            Size, shading, camera and so on.
+
+        Returns
+        -------
+        ndarray, (height, width, 3) uint8
+            sRGB, row 0 on top; the contact sheet of several views, the first frame of a turntable.
+
+        Raises
+        ------
+        RendererError
+            If there is no way to render, see `doctor`.
+        """
+        from aoprecalc.api.preview import preview_of_bake
+
+        return preview_of_bake(self._baked, options)
+
+    @cached_property
+    def _shown(self) -> bytes | None:
+        """The picture that notebooks show, as PNG; None where it cannot be drawn."""
+        from aoprecalc.api.preview import notebook_png
+
+        return notebook_png(lambda: self.preview(PreviewOptions(size=(600, 450))))
+
+    def _repr_png_(self) -> bytes | None:
+        """Show the mesh with its texture in a notebook."""
+        return self._shown
+
+    def _repr_html_(self) -> str | None:
+        """Show the mesh with its texture, and the texture, in a notebook, with a line of figures."""
+        if self._shown is None:
+            return None
+        report, name = self.report, self.mesh.name
+        line = (
+            f"{name}: {report.texels.width} x {report.texels.height} texels, mean AO {report.ao.mean:.3f}, "
+            f"{report.directions} directions, {counted(report.input.triangles, 'triangle')}, "
+            f"{counted(self._baked.atlas.charts, 'chart')}"
+        )
+        texture = png_bytes(self.ao)
+        return figure([image(self._shown, f"{name} with its AO", 450), image(texture, f"AO of {name}", 450)], line)
 
 
 def bake(

@@ -3,6 +3,7 @@
 import json
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -10,17 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import SphereQuality
 from aoprecalc.errors import ArgumentError, InputError, listed_counts
-from aoprecalc.io import Outputs, load_scene, numbers, source_files
+from aoprecalc.io import Outputs, checked_spheres, load_scene, source_files
 from aoprecalc.io.outputs import claim_output, output_path
 from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
 from aoprecalc.io.sphere_files.files import read_levels
-from aoprecalc.options import SphereOptions, names_extensions
+from aoprecalc.notebook import figure, image
+from aoprecalc.options import PreviewOptions, SphereOptions, names_extensions
 from aoprecalc.progress import Progress, tell
 from aoprecalc.spheres import fit_sphere_set, measure_quality
-from aoprecalc.types import Float64Array, Scene, SphereSet
+from aoprecalc.types import Float64Array, Picture, Scene, SphereSet
 
 Output = str | PathLike[str]
 
@@ -96,6 +98,44 @@ class SphereResult:
             claim_output(outputs, output, path)
             self._write(outputs, path)
         return path
+
+    def preview(self, options: PreviewOptions | None = None) -> Picture:
+        """Draw the mesh and the spheres.
+
+        Parameters
+        ----------
+        options : PreviewOptions, optional
+            Size, camera and so on.
+
+        Returns
+        -------
+        ndarray, (height, width, 3) uint8
+            sRGB, row 0 on top; see `aoprecalc.preview`, which raises the same errors.
+        """
+        from aoprecalc.api.preview import preview
+
+        mesh = Mesh._of(self._scene, self._scene.positions, self._scene.faces, self._name)
+        return preview(mesh, options, spheres=self.spheres).image
+
+    @cached_property
+    def _shown(self) -> bytes | None:
+        """The picture that notebooks show, as PNG; None where it cannot be drawn."""
+        from aoprecalc.api.preview import notebook_png
+
+        return notebook_png(lambda: self.preview(PreviewOptions(size=(760, 380))))
+
+    def _repr_png_(self) -> bytes | None:
+        """Show the mesh beside the spheres in a notebook."""
+        return self._shown
+
+    def _repr_html_(self) -> str | None:
+        """Show the mesh beside the spheres in a notebook, with a line of figures."""
+        if self._shown is None:
+            return None
+        quality = self.quality
+        error = f"surface error {quality.surface_error_mean:.4f} of the diagonal"
+        line = f"{len(self)} spheres by {self.spheres.method}: silhouette IoU {quality.silhouette_iou:.3f}, {error}"
+        return figure([image(self._shown, f"{self._name} beside {line}", 380)], line)
 
     def _write(self, outputs: Outputs, path: Path) -> None:
         write_sphere_set(outputs.path(path), self.spheres, self.quality.to_dict(), self._scene)
@@ -190,12 +230,7 @@ def measure_spheres(
     >>> quality = ao.measure_spheres("car.glb", *ao.load_spheres("car.json"))  # doctest: +SKIP
     """
     options, progress = given_or_default(options, SphereOptions), progress or Progress()
-    points = numbers("centers", centers, ("n", 3))
-    lengths = numbers("radii", radii, (len(points),))
-    if not len(points):
-        raise ArgumentError("centers", "has no rows, at least one sphere was expected")
-    if lengths.min() < 0:
-        raise ArgumentError("radii", f"has the value {lengths.min():g}, numbers >= 0 were expected")
+    points, lengths = checked_spheres(centers, radii)
     with progress.stage("load"):
         mesh = as_mesh(mesh)
     quality = _measure(mesh._scene, points, lengths, options, progress)

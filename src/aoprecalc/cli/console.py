@@ -92,6 +92,12 @@ class Console(Progress):
             click.echo(line, err=True)
 
 
+def open_file(path: Path, console: Console) -> None:
+    """Open a file in the system's viewer; a note tells where there is none."""
+    if click.launch(str(path)) != 0:
+        console.note(f"{path}: no viewer was found to open it")
+
+
 def _bar(total: int | None) -> Any:
     """Return a rich progress bar for one stage; it disappears when the stage ends."""
     from rich import progress

@@ -18,6 +18,7 @@ from aoprecalc.cli.compare import compare
 from aoprecalc.cli.console import annotate, without_controls
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.options import explained
+from aoprecalc.cli.preview import preview
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name
@@ -118,7 +119,7 @@ def completion(shell: str) -> None:
     click.echo(kind(click.get_current_context().find_root().command, {}, "aoprecalc", VARIABLE).source())
 
 
-for command in (bake, batch, cache, spheres, verify, compare, doctor, completion):
+for command in (bake, batch, cache, spheres, preview, verify, compare, doctor, completion):
     main.add_command(command)
 
 

@@ -15,7 +15,8 @@ from aoprecalc.options.fields import OptionField, Quantity, details, option_fiel
 
 # Headings of `--help`, in their order; what has none of them comes last.
 GROUPS = (
-    "Output", "Texture", "Spheres", "Samples", "Visibility", "Mesh", "Scene", "Measurement", "Cache", "Cluster", "Run",
+    "Output", "Picture", "Texture", "Spheres", "Samples", "Visibility", "Mesh", "Scene", "Measurement", "Cache",
+    "Cluster", "Run",
 )  # fmt: skip
 
 DEFAULT_CACHE = "$AOPRECALC_CACHE, else ~/.cache/aoprecalc"

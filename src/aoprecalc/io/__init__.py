@@ -1,6 +1,6 @@
 """Meshes, images and sphere sets on disk."""
 
-from aoprecalc.io.formats.arrays import numbers, scene_from_arrays, texture_values
+from aoprecalc.io.formats.arrays import checked_spheres, scene_from_arrays, texture_values
 from aoprecalc.io.images import IMAGE_EXTENSIONS, choose_bit_depth, read_image, write_colors, write_image
 from aoprecalc.io.meshes import (
     MESH_EXTENSIONS,
@@ -23,11 +23,11 @@ __all__ = [
     "OcclusionTexture",
     "Outputs",
     "check_mesh_extension",
+    "checked_spheres",
     "choose_bit_depth",
     "find_occlusion",
     "input_files",
     "load_scene",
-    "numbers",
     "output_mesh_extension",
     "read_image",
     "scene_from_arrays",

@@ -15,9 +15,10 @@ names of machines. What is read is not trusted: its size is bounded, and it is c
 import json
 import tempfile
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
 from aoprecalc.options import BitDepth, ValueOptions
-from aoprecalc.types import Float32Array, UInt8Array
+from aoprecalc.types import Float32Array, Picture, UInt8Array
 
 Depth = Literal["8", "16", "half", "float"]
 
@@ -46,6 +47,10 @@ BIT_DEPTHS: dict[str, tuple[Depth, ...]] = {
 
 IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
 EXTENSIONS_WITHOUT_TEXT = (".tga", ".bmp")
+
+# Of pictures for people; OpenImageIO writes all of them but WebP, which is Pillow's.
+PICTURE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp")
+_WEBP_QUALITY, _ANIMATION_QUALITY, _WEBP_EFFORT = 95, 85, 2  # of 100, of 100, of 6
 
 # Formats that store the time of writing unless given one; equal images must give equal bytes.
 _DATED = (".exr", ".tif", ".tiff")
@@ -109,6 +114,56 @@ def write_colors(path: str | PathLike[str], colors: NDArray[np.uint8]) -> None:
     Raises UsageError for a format without 8 bits, and OutputError where it cannot be written.
     """
     _write(path, colors, choose_bit_depth(path, "8"), space="sRGB")
+
+
+def check_picture_extension(path: str | PathLike[str]) -> None:
+    """Raise UsageError where no picture for people is written under that name."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in PICTURE_EXTENSIONS:
+        known = ", ".join(PICTURE_EXTENSIONS)
+        raise UsageError(f"{path}: the extension {suffix or '(none)'} is not one of {known}; choose one of these")
+
+
+def write_picture(path: str | PathLike[str], picture: Picture) -> None:
+    """Write a picture for people in the format of the extension; equal pictures give equal bytes.
+
+    Raises UsageError for an unknown extension, and OutputError where it cannot be written.
+    """
+    check_picture_extension(path)
+    if Path(path).suffix.lower() == ".webp":
+        _write_webp(path, [picture], quality=_WEBP_QUALITY)
+    else:
+        write_colors(path, picture)
+
+
+def write_animation(path: str | PathLike[str], pictures: Sequence[Picture], seconds: float) -> None:
+    """Write an animated WebP that goes on for ever; raises OutputError where it cannot be written.
+
+    pictures   of one size, at least one
+    seconds    from the first picture to the first again
+    """
+    ends = [round(1000 * seconds * (number + 1) / len(pictures)) for number in range(len(pictures))]
+    durations = [end - start for start, end in pairwise([0, *ends])]
+    _write_webp(path, pictures, quality=_ANIMATION_QUALITY, duration=durations, loop=0)
+
+
+def picture_png(picture: Picture) -> bytes:
+    """Return the PNG that `write_picture` writes, as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "picture.png"
+        write_picture(file, picture)
+        return file.read_bytes()
+
+
+def _write_webp(path: str | PathLike[str], pictures: Sequence[Picture], **settings: Any) -> None:
+    from PIL import Image
+
+    first, *others = (Image.fromarray(picture) for picture in pictures)
+    animated = {"save_all": True, "append_images": others, "minimize_size": False} if others else {}
+    try:
+        first.save(path, "WEBP", method=_WEBP_EFFORT, **animated, **settings)
+    except (OSError, ValueError) as error:  # ValueError: the picture is too large for the format
+        raise OutputError(f"{path}: the picture cannot be written ({error}); choose another output") from error
 
 
 def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str, text: str = "") -> None:

@@ -217,6 +217,7 @@ SCHEMAS = {
     "cache": 1,
     "compare": 1,
     "doctor": 1,
+    "preview": 1,
     "spheres": 1,
     "verify": 1,
 }

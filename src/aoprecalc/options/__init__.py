@@ -39,14 +39,43 @@ from aoprecalc.options.others import (  # fmt: skip
 )
 
 __all__ = [
-    "BAKED_MESH_EXTENSIONS", "IMAGE_EXTENSIONS", "LARGE_MESH", "MESH_EXTENSIONS", "SPHERE_EXTENSIONS", "Backend",
-    "BakeOptions", "BatchOptions", "BitDepth", "CompareOptions", "Estimator", "Fill", "Init", "Instances",
-    "LightOptions", "Method", "Normals", "Pack", "PreviewOptions", "Radius", "Sampling", "Shading", "Ship",
-    "SphereOptions", "SpheresView", "Unwrap", "Up", "ValueOptions", "VerifyOptions", "listed", "names_extensions",
+    "BAKED_MESH_EXTENSIONS",
+    "IMAGE_EXTENSIONS",
+    "LARGE_MESH",
+    "MESH_EXTENSIONS",
+    "PICTURE_EXTENSIONS",
+    "SPHERE_EXTENSIONS",
+    "Backend",
+    "BakeOptions",
+    "BatchOptions",
+    "BitDepth",
+    "CompareOptions",
+    "Estimator",
+    "Fill",
+    "Init",
+    "Instances",
+    "LightOptions",
+    "Method",
+    "Normals",
+    "Pack",
+    "PreviewOptions",
+    "Radius",
+    "Sampling",
+    "Shading",
+    "Ship",
+    "SphereOptions",
+    "SpheresView",
+    "Unwrap",
+    "Up",
+    "ValueOptions",
+    "VerifyOptions",
+    "listed",
+    "names_extensions",
     "with_extensions",
 ]  # fmt: skip
 
 IMAGE_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg", ".tga", ".bmp")
+PICTURE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp")  # of what people look at
 MESH_EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".dae", ".zae", ".3mf")  # read
 BAKED_MESH_EXTENSIONS = (".obj", ".ply", ".gltf", ".glb")  # written, with the UVs of a bake
 SPHERE_EXTENSIONS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
@@ -61,6 +90,7 @@ def listed(extensions: Iterable[str]) -> str:
 
 _LISTS = {
     "{images}": listed(IMAGE_EXTENSIONS),
+    "{pictures}": listed(PICTURE_EXTENSIONS),
     "{meshes}": listed(MESH_EXTENSIONS),
     "{baked meshes}": listed(BAKED_MESH_EXTENSIONS),
     "{sphere sets}": listed(SPHERE_EXTENSIONS),
@@ -68,7 +98,7 @@ _LISTS = {
 
 
 def with_extensions(text: str) -> str:
-    """Return a text with the lists in place of {images}, {meshes}, {baked meshes} and {sphere sets}."""
+    """Return a text with the lists in place of {images}, {pictures}, {meshes}, {baked meshes} and {sphere sets}."""
     for name, extensions in _LISTS.items():
         text = text.replace(name, extensions)
     return text

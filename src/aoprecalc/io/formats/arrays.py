@@ -97,6 +97,17 @@ def indices(argument: str, values: ArrayLike, shape: Shape, count: int) -> Int32
     return array.astype(np.int32)
 
 
+def checked_spheres(centers: ArrayLike, radii: ArrayLike) -> tuple[Float64Array, Float64Array]:
+    """Return spheres as (n, 3) and (n,) float64, n >= 1; raises ArgumentError for arrays that are none."""
+    points = numbers("centers", centers, ("n", 3))
+    lengths = numbers("radii", radii, (len(points),))
+    if not len(points):
+        raise ArgumentError("centers", "has no rows, at least one sphere was expected")
+    if lengths.min() < 0:
+        raise ArgumentError("radii", f"has the value {lengths.min():g}, numbers >= 0 were expected")
+    return points, lengths
+
+
 def texture_values(argument: str, values: ArrayLike) -> Float32Array:
     """Return a texture in [0, 1], (h, w) float32, from numbers, or from unsigned integers over their whole range.
 
