@@ -159,6 +159,15 @@ def test_a_bake_is_measured_and_compared(backend, installed, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("backend", ["ray", pytest.param("gl", marks=pytest.mark.gl)])
+def test_previews(backend, installed, folder):
+    small = ["--size", "64x48", "--backend", backend]
+    for words, made in (([], "ring_preview.png"), (["--turntable", "--frames", "2"], "ring_turntable.webp")):
+        assert installed(folder, "preview", "ring.obj", *small, *words).stdout.startswith(made)
+        assert (folder / made).stat().st_size > 100
+
+
+@pytest.mark.slow
 def test_doctor_finds_the_renderers_and_its_self_test_passes(installed, folder):
     report = json.loads(installed(folder, "doctor", "--json").stdout)
     assert report["passed"]

@@ -28,7 +28,7 @@ def image(png: bytes, text: str, height: int) -> str:
     """Return a picture; `text` says what it shows."""
     data = b64encode(png).decode()
     style = f"height:{height}px;max-width:100%;object-fit:contain"
-    return f'<img src="data:image/png;base64,{data}" alt="{escape(text)}" style="{style}">'
+    return f'<img src="data:image/png;base64,{data}" alt="{escape(text)}" style="{style}"/>'
 
 
 def spheres_drawing(centers: Sequence[Point], radii: Sequence[float], text: str) -> str:

@@ -62,8 +62,8 @@ def tell(progress: Progress, messages: Iterable[str]) -> None:
         progress.warn(line)
 
 
-class StageTimer:
-    """Opens the stages of a job on its progress, and keeps the seconds of each."""
+class StageTimer(Progress):
+    """Keeps the seconds of each stage of a job, and passes all of its progress on."""
 
     def __init__(self, progress: Progress) -> None:
         """Start the total time."""
@@ -78,6 +78,22 @@ class StageTimer:
         with self._progress.stage(name, total, unit):
             yield
         self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - started
+
+    def advance(self, count: int = 1) -> None:
+        """Pass it on."""
+        self._progress.advance(count)
+
+    def step(self, text: str) -> None:
+        """Pass it on."""
+        self._progress.step(text)
+
+    def note(self, text: str) -> None:
+        """Pass it on."""
+        self._progress.note(text)
+
+    def warn(self, text: str) -> None:
+        """Pass it on."""
+        self._progress.warn(text)
 
     def seconds(self) -> dict[str, float]:
         """Return the seconds of each stage and of all since the start, to a millisecond."""

@@ -36,6 +36,10 @@ for source in (mesh, "car.glb", trimesh.Trimesh()):
     parts, verified = result.report.parts, result.report.verify
 spheres = ao.fit_spheres(mesh, ao.SphereOptions(64, method="shadow"))
 quality = ao.measure_spheres(mesh, spheres.centers, spheres.radii)
+picture = ao.preview("car.glb", ao.PreviewOptions(views=4), texture=np.ones((4, 4)), spheres=spheres)
+for given in (spheres.spheres, "a.json", (spheres.centers, spheres.radii)):
+    ao.preview(mesh, spheres=given)
+shown, drawn = result.preview(ao.PreviewOptions(size=512)), spheres.preview()
 report = ao.verify(mesh, np.ones((4, 4)), ao.VerifyOptions(points=100))
 compared = ao.compare("a.png", "b.png", ao.CompareOptions(tolerance=0.01))
 checked = ao.doctor()
@@ -49,6 +53,7 @@ VALUES = """
     mesh mesh.vertices mesh.faces mesh.normals mesh.uvs mesh.ao mesh.name mesh.to_trimesh() loaded converted options
     options.directions result texture uvs normals error mean warnings parts verified files files.texture result.valid
     spheres spheres.centers spheres.radii spheres.quality spheres.quality.leak spheres.save("a.json") spheres.spheres
+    picture picture.pictures picture.image picture.report.shading picture.save() shown drawn ao.preview
     quality quality.silhouette_iou report report.error report.levels report.worst report.passed
     compared compared.answer compared.difference checked checked.renderers checked.passed code
     batch batch.report.counts.made batch.report.seconds

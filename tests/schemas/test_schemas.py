@@ -89,6 +89,12 @@ def test_bakes_with_other_outputs(output, printed):
     assert faults("bake", printed("bake", "ring.obj", *BAKE, "-o", output, "--json")) == []
 
 
+@pytest.mark.parametrize("words", [[], ["--views", "2"], ["--spheres", "3.json"]], ids=str)
+def test_previews(words, printed):
+    printed("spheres", "ring.obj", "-n", "3", "-s", "300", "-o", "3.json", "--json")
+    assert faults("preview", printed("preview", "ring.obj", "--size", "48", *words, "--json")) == []
+
+
 def test_compare_says_what_differs(folder, printed):
     bake = printed("bake", "ring.obj", *BAKE, "--report", "a.json", "--json")
     (folder / "b.json").write_text(json.dumps(bake | {"directions": None, "sampling": "random"}), encoding="utf-8")

@@ -193,20 +193,30 @@ def preview(
     >>> picture = ao.preview("build/car_ao.glb", ao.PreviewOptions(shading="material"))  # doctest: +SKIP
     >>> picture.save("car.png")  # doctest: +SKIP
     """
-    options, progress = given_or_default(options, PreviewOptions), progress or Progress()
-    timer = StageTimer(progress)
+    return _preview(mesh, options, texture, spheres, StageTimer(progress or Progress()))
+
+
+def _preview(
+    mesh: MeshLike,
+    options: PreviewOptions | None,
+    texture: str | PathLike[str] | ArrayLike | None,
+    spheres: SpheresLike | None,
+    timer: StageTimer,
+) -> PreviewResult:
+    options = given_or_default(options, PreviewOptions)
     shown, notes = _read_spheres(spheres, options)
     with timer.stage("load"):
         found = mesh_to_draw(mesh, texture, colors=options.shading == "material")
-    result = _draw(replace(found, messages=(*found.messages, *notes)), options, shown, progress, timer)
-    tell(progress, (*map(Note, result.report.notes), *result.report.warnings))
+    result = _draw(replace(found, messages=(*found.messages, *notes)), options, shown, timer)
+    tell(timer, (*map(Note, result.report.notes), *result.report.warnings))
     return result
 
 
 def preview_of_bake(baked: Baked, options: PreviewOptions | None) -> Picture:
     """Return the picture of a bake, (height, width, 3) uint8; see `preview`."""
     options = given_or_default(options, PreviewOptions)
-    return _draw(mesh_to_draw(baked, colors=options.shading == "material"), options, None).image
+    found = mesh_to_draw(baked, colors=options.shading == "material")
+    return _draw(found, options, None, StageTimer(Progress())).image
 
 
 def notebook_png(draw: Callable[[], Picture]) -> bytes | None:
@@ -217,21 +227,12 @@ def notebook_png(draw: Callable[[], Picture]) -> bytes | None:
         return None
 
 
-def _draw(
-    found: MeshToDraw,
-    options: PreviewOptions,
-    spheres: Spheres | None,
-    progress: Progress | None = None,
-    timer: StageTimer | None = None,
-) -> PreviewResult:
+def _draw(found: MeshToDraw, options: PreviewOptions, spheres: Spheres | None, timer: StageTimer) -> PreviewResult:
     """Draw what was found of a mesh; raises RendererError where there is no way to render."""
-    progress = progress or Progress()
-    timer = timer or StageTimer(progress)
     shading, notes = _possible_shading(found, options)
     drawn = replace(options, up=found.up if options.up == "auto" else options.up, shading=shading)
-    with timer.stage("pictures"):
-        pictures = tuple(preview_pictures(found.mesh, spheres, drawn, progress))
-        image = pictures[0] if options.turntable or len(pictures) == 1 else _sheet(pictures, options)
+    pictures = tuple(preview_pictures(found.mesh, spheres, drawn, timer))
+    image = pictures[0] if options.turntable or len(pictures) == 1 else _sheet(pictures, options)
     messages = (*found.messages, *notes)
     height, width = image.shape[:2]
     scene = found.mesh.scene
@@ -368,7 +369,7 @@ def preview_file(
     output   see `PreviewResult.save`
     Raises what `preview` and `PreviewResult.save` raise; then no file is left behind.
     """
-    options, progress = options or PreviewOptions(), progress or Progress()
+    options, timer = options or PreviewOptions(), StageTimer(progress or Progress())
     mesh = Path(mesh)
     if (suffix := mesh.suffix.lower()) in SPHERE_EXTENSIONS and suffix not in MESH_EXTENSIONS:
         raise UsageError(f"{mesh}: is no mesh; name the mesh, and this with --spheres if it has spheres")
@@ -376,8 +377,8 @@ def preview_file(
     with Outputs() as outputs:
         outputs.protect(Path(path) for path in (mesh, texture, spheres) if path is not None)
         plan.claim(outputs)
-        result = preview(mesh, options, texture=texture, spheres=spheres, progress=progress)
+        result = _preview(mesh, options, texture, spheres, timer)
         outputs.protect(result._files)
-        with StageTimer(progress).stage("write"):
+        with timer.stage("write"):
             plan.write(outputs, result)
-    return replace(result.report, outputs=tuple(map(str, plan.files)))
+    return replace(result.report, outputs=tuple(map(str, plan.files)), seconds=timer.seconds())
