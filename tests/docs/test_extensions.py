@@ -46,7 +46,9 @@ def test_defaults_are_told():
     assert "once the estimated sampling error" in text
 
 
-@pytest.mark.parametrize("name", ["bake", "spheres", "preview", "verify", "compare", "batch", "doctor", "measure", "cache"])
+@pytest.mark.parametrize(
+    "name", ["bake", "spheres", "preview", "verify", "compare", "batch", "doctor", "measure", "cache"]
+)
 def test_reports_show_every_key(name):
     schema = read(name)
     text = report(name, set())

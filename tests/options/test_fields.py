@@ -11,7 +11,15 @@ import aoprecalc
 from aoprecalc.cli import main
 from aoprecalc.cli.options import option_name
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options import BakeOptions, BatchOptions, CompareOptions, LightOptions, SphereOptions, VerifyOptions
+from aoprecalc.options import (
+    BakeOptions,
+    BatchOptions,
+    CompareOptions,
+    LightOptions,
+    PreviewOptions,
+    SphereOptions,
+    VerifyOptions,
+)
 from aoprecalc.options.fields import LEVELS, SIZE, option_field, option_fields
 
 CLASSES = {
@@ -19,6 +27,7 @@ CLASSES = {
     "spheres": SphereOptions,
     "verify": VerifyOptions,
     "compare": CompareOptions,
+    "preview": PreviewOptions,
     "batch": BatchOptions,
 }
 
