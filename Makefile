@@ -17,11 +17,13 @@ PYTEST = $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
 setup: $(SETUP)
 
-$(SETUP): pyproject.toml scripts/setup-gl scripts/setup-validator tests/validator/package-lock.json
+$(SETUP): pyproject.toml scripts/setup-gl scripts/setup-validator tests/validator/package-lock.json \
+		scripts/setup-viewer viewer/package-lock.json viewer/three.js
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	sh scripts/setup-gl $(BIN)/python
 	sh scripts/setup-validator
+	sh scripts/setup-viewer
 	@touch $@
 
 $(BROWSER): $(SETUP) scripts/setup-browser
@@ -81,4 +83,4 @@ bench: $(SETUP)
 	$(BIN)/python benchmarks/spheres.py
 
 clean:
-	rm -rf .venv tests/validator/node_modules demo build dist docs/_build
+	rm -rf .venv tests/validator/node_modules viewer/node_modules src/aoprecalc/render/viewer/three.* demo build dist docs/_build

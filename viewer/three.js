@@ -1,0 +1,23 @@
+// What src/aoprecalc/render/viewer/mesh_view.js uses of three.js, under the global name THREE.
+export {
+  BufferAttribute,
+  BufferGeometry,
+  CanvasTexture,
+  Color,
+  Group,
+  IcosahedronGeometry,
+  InstancedMesh,
+  LinearMipmapLinearFilter,
+  Matrix4,
+  Mesh,
+  NoColorSpace,
+  PerspectiveCamera,
+  REVISION,
+  RepeatWrapping,
+  Scene,
+  ShaderMaterial,
+  SRGBColorSpace,
+  Texture,
+  Vector3,
+  WebGLRenderer,
+} from "three";
