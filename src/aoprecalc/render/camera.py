@@ -14,6 +14,7 @@ _TANGENT = float(
     np.tan(np.radians(13.0))
 )  # of half the vertical angle of view: near enough for depth, hardly distorted
 _MIN_DISTANCE = 0.3  # of the eye from the nearest point, in radii: for needles seen from their tip, and points
+_CENTERINGS = 4  # steps of a fixed-point iteration
 
 # Rows: the axes of the picture's frame in the mesh's coordinates, by the mesh's upward axis. Proper rotations.
 _Y_UP: dict[str, list[list[int]]] = {
@@ -145,26 +146,27 @@ def frame_views(
 
     views   the axes of each, (3, 3), and its points, (k, 3), in groups that may fill a share of the width and height
     """
-    tangents = np.array([_TANGENT * width / height, _TANGENT])
+    # Each side of the picture is a plane through the eye, with all points on one side of it: the outermost decide.
+    sides: list[tuple[Float64Array, Float64Array, Float64Array]] = []
     nearest = -np.inf
-    # Each side of the picture is a plane through the eye, with all points on one side of it.
-    sides = []
     for axes, groups in views:
         for points, share in groups:
             across, depth = points @ axes[:2].T, points @ axes[2]
-            lowest = (across - share * tangents * depth[:, None]).min(axis=0)
-            highest = (across + share * tangents * depth[:, None]).max(axis=0)
-            sides.append((lowest, highest, share))
+            slope = share * _TANGENT * np.array([width / height, 1.0])
+            low = (across - slope * depth[:, None]).argmin(axis=0)
+            high = (across + slope * depth[:, None]).argmax(axis=0)
+            sides.append((slope, across[[low, high], [0, 1]], depth[[low, high]]))
             nearest = max(nearest, float(depth.max()))
-    offset = np.zeros(3)
-    for axis in (0, 1):
-        # x - share t z >= offset - share t distance and x + share t z <= offset + share t distance, for all groups.
-        bounds = [(low[axis], high[axis], share * tangents[axis]) for low, high, share in sides]
-        distance = max((high - low) / (first + second) for low, _, first in bounds for _, high, second in bounds)
-        offset[2] = max(offset[2], distance)
-    offset[2] = max(offset[2], nearest + _MIN_DISTANCE)
-    for axis in (0, 1):
-        least = max(high[axis] - share * tangents[axis] * offset[2] for _, high, share in sides)
-        most = min(low[axis] + share * tangents[axis] * offset[2] for low, _, share in sides)
-        offset[axis] = (least + most) / 2
-    return [Camera(axes, offset @ axes, _TANGENT, width, height, (0, height)) for axes, _ in views]
+    slopes, ends, depths = (np.array(column) for column in zip(*sides, strict=True))
+    # At offset o and distance d: -slope (d - depth) <= end - o at low ends, end - o <= slope (d - depth) at high.
+    lowest, highest = ends[:, 0] - slopes * depths[:, 0], ends[:, 1] + slopes * depths[:, 1]
+    distances = (highest - lowest[:, None]) / (slopes + slopes[:, None])
+    distance = max(float(distances.max()), nearest + _MIN_DISTANCE)
+    least = (highest - slopes * distance).max(axis=0)
+    most = (lowest + slopes * distance).min(axis=0)
+    offset = (least + most) / 2
+    for _ in range(_CENTERINGS):  # what is left free is used to put the points into the middle
+        seen = (ends - offset) / (distance - depths)
+        offset = np.clip(offset + (seen[:, 0].min(axis=0) + seen[:, 1].max(axis=0)) / 2 * distance, least, most)
+    eye = np.array([*offset, distance])
+    return [Camera(axes, eye @ axes, _TANGENT, width, height, (0, height)) for axes, _ in views]

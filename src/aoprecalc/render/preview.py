@@ -29,14 +29,17 @@ Spheres = tuple[Float64Array, Float64Array]
 
 _SAMPLES = 4  # along each side of a pixel
 _MAX_SAMPLES = 1 << 25  # drawn at once
-_LIGHT_TURN, _LIGHT_RISE, _LIGHT_RADIUS = -48.0, 52.0, np.radians(14.0)  # degrees from the camera; radians
+# The key light: degrees around the upward axis from the camera, degrees above the ground, angular radius in radians.
+_TURN, _RISE, _RADIUS = -48.0, 52.0, np.radians(14.0)
+_GROUND_TURN, _GROUND_RISE, _GROUND_RADIUS = -62.0, 47.0, np.radians(10.0)  # where shadows are compared
 _FILL, _SHADOW_FILL = 0.84, 0.95  # share of the picture's width and height for the mesh, and for its shadow
 _SHADOW_REACH = 0.6  # share of the shadow that must be in the picture
 _MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there is a ground
 _CENTER, _CORNER = np.array([0.92, 0.92, 0.915], np.float32), np.array([0.76, 0.77, 0.775], np.float32)  # backdrop
-_KEY_SHARE, _SKY_SHARE = 0.42, 0.62  # of the ground's light
-_OVER, _BEHIND = 0.55, 0.16  # opacity of spheres over the mesh, in front of its surface and behind it
-_SOFTNESS = 0.01  # radii: depth over which the one opacity becomes the other
+_KEY_SHARE, _SKY_SHARE = 0.38, 0.52  # of the ground's light
+_GROUND_KEY_SHARE, _GROUND_SKY_SHARE = 0.56, 0.34  # where shadows are compared
+_OVER, _RIM = 0.36, 0.54  # opacity of spheres over the mesh where one looks straight at them, and what rims add
+_MAX_BEHIND = 0.3  # radii behind the mesh's surface at which they are hidden
 
 
 def preview_pictures(
@@ -72,7 +75,7 @@ def preview_pictures(
     points = _bounds(frame.points(mesh.scene.positions), balls)
     ground = float(points[:, 1].min())
     azimuths = _azimuths(options)
-    lights = [_light(azimuth) for azimuth in azimuths]
+    lights = [_light(azimuth, options.ground) for azimuth in azimuths]
     panels = _panels(balls, options)
     width = -(-options.width // len(panels))
     views = []
@@ -88,7 +91,7 @@ def preview_pictures(
     ):
         sphere_drawer = None if balls is None else SphereDrawer(*balls)
         window = shadow_window(points, ground, lights)
-        stage = _Stage(drawn, drawer, balls, sphere_drawer, points, ground, window, options.shading)
+        stage = _Stage(drawn, drawer, balls, sphere_drawer, points, ground, window, options)
         for camera, light in zip(cameras, lights, strict=True):
             drawings = [stage.draw(panel, camera, light) for panel in panels]
             drawings[0] = drawings[0][:, : options.width - width * (len(panels) - 1)]
@@ -113,10 +116,11 @@ def _azimuths(options: PreviewOptions) -> list[float]:
     return [options.azimuth + 360 * number / count for number in range(count)]
 
 
-def _light(azimuth: float) -> AreaLight:
-    """Return the key light of a camera: to its left, above."""
-    x, y, z = view_axes(azimuth + _LIGHT_TURN, _LIGHT_RISE)[2].tolist()
-    return AreaLight((x, y, z), _LIGHT_RADIUS)
+def _light(azimuth: float, ground: bool) -> AreaLight:
+    """Return the key light of a camera: to its left, above; `ground` is where shadows are compared."""
+    turn, rise, radius = (_GROUND_TURN, _GROUND_RISE, _GROUND_RADIUS) if ground else (_TURN, _RISE, _RADIUS)
+    x, y, z = view_axes(azimuth + turn, rise)[2].tolist()
+    return AreaLight((x, y, z), radius)
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,7 @@ class _Stage:
     points: Float64Array
     ground: float
     window: Float64Array
-    shading: str
+    options: PreviewOptions
 
     def draw(self, panel: _Panel, camera: Camera, light: AreaLight) -> Picture:
         """Draw one panel."""
@@ -188,22 +192,23 @@ class _Stage:
         return [cast_shadow(caster, sky_directions(), self.ground, self.window) for caster in casters]
 
     def _draw_band(self, panel: _Panel, camera: Camera, light: AreaLight, shadow: GroundShadow | None) -> Picture:
-        linear = _backdrop(camera, shadow).reshape(-1, 3)
+        linear = _backdrop(camera, shadow, self.options.ground).reshape(-1, 3)
         depth = None
         if panel.mesh:
             seen = self._fragments(self.mesh_drawer, camera, self.mesh.face_of)
-            colors, along = shade(self.mesh, seen, camera, light, self.shading)
+            colors, along = shade(self.mesh, seen, camera, light, self.options.shading)
             _composite(linear, colors, seen.pixel, seen.weight)
             if panel.spheres:
                 depth = np.full(len(linear), np.inf, np.float32)
-                np.minimum.at(depth, seen.pixel, along)
+                first = np.flatnonzero(np.diff(seen.pixel, prepend=-1))
+                depth[seen.pixel[first]] = np.minimum.reduceat(along, first) if len(first) else 0
         if panel.spheres and self.spheres is not None and self.sphere_drawer is not None:
             seen = self._fragments(self.sphere_drawer, camera)
-            colors, along = shade_spheres(*self.spheres, seen, camera, light)
+            colors, along, facing = shade_spheres(*self.spheres, seen, camera, light)
             weight = seen.weight
             if depth is not None:
-                behind = np.clip((along - depth[seen.pixel]) / _SOFTNESS + 0.5, 0, 1)
-                weight = weight * (_OVER + (_BEHIND - _OVER) * behind)
+                behind = np.clip((along - depth[seen.pixel]) / _MAX_BEHIND, 0, 1)
+                weight = weight * (_OVER + _RIM * (1 - facing) ** 2) * (1 - behind)
             if shadow is not None:
                 height = camera.eye[1] + along * camera.rays(seen.x, seen.y + camera.rows[0])[:, 1]
                 weight = np.where(height < shadow.height, 0, weight)
@@ -225,7 +230,7 @@ def _composite(linear: Float32Array, colors: Float32Array, pixel: Int32Array, we
         linear[:, channel] += np.bincount(pixel, colors[:, channel] * weight, len(linear)).astype(np.float32)
 
 
-def _backdrop(camera: Camera, shadow: GroundShadow | None) -> Float32Array:
+def _backdrop(camera: Camera, shadow: GroundShadow | None, ground: bool) -> Float32Array:
     """Return the backdrop with the ground's shadow, (rows, width, 3) linear: brightest in the middle."""
     across = ((2 / camera.width) * (np.arange(camera.width) + 0.5) - 1).astype(np.float32)
     down = ((2 / camera.height) * (np.arange(*camera.rows) + 0.5) - 1).astype(np.float32)
@@ -233,5 +238,6 @@ def _backdrop(camera: Camera, shadow: GroundShadow | None) -> Float32Array:
     share = distance / (distance + np.float32(0.6)) * np.float32(1.6)
     linear = np.asarray(_CENTER + (_CORNER - _CENTER) * share[..., None], np.float32)
     if shadow is not None:
-        linear *= shadow.light(camera, _KEY_SHARE, _SKY_SHARE)[..., None]
+        shares = (_GROUND_KEY_SHARE, _GROUND_SKY_SHARE) if ground else (_KEY_SHARE, _SKY_SHARE)
+        linear *= shadow.light(camera, *shares)[..., None]
     return linear

@@ -15,7 +15,7 @@ from aoprecalc.texture_lookup import bilinear_taps, mip_chain
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array, TexturedMesh, UInt8Array
 
 CLAY = np.array([0.66, 0.635, 0.60], np.float32)
-SPHERE = np.array([0.30, 0.47, 0.66], np.float32)
+SPHERE = np.array([0.24, 0.42, 0.64], np.float32)
 INSIDE = np.array([0.62, 0.50, 0.44], np.float32)  # multiplies the colour of back faces
 SKY, BOUNCE = np.array([0.62, 0.65, 0.70], np.float32), np.array([0.33, 0.31, 0.29], np.float32)
 KEY = np.array([0.74, 0.70, 0.63], np.float32)
@@ -122,8 +122,8 @@ def self_shadow(occlusion: Float32Array, cosine: Float32Array) -> Float32Array:
 
 def shade_spheres(
     centers: Float64Array, radii: Float64Array, seen: Fragments, camera: Camera, light: AreaLight
-) -> tuple[Float32Array, Float32Array]:
-    """Return the linear colours, (m, 3) float32, and the depths, (m,) float32, of m fragments of spheres."""
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Return the linear colours of m fragments, (m, 3) float32, their depths and their cosines to the view, (m,)."""
     rays = camera.rays(seen.x, seen.y + camera.rows[0])
     towards = (centers - camera.eye).astype(np.float32)[seen.index]
     a, b = (np.einsum("mx,mx->m", rays, other) for other in (rays, towards))
@@ -133,7 +133,8 @@ def shade_spheres(
     normals = depth[:, None] * rays - towards
     normals /= np.maximum(np.sqrt(np.einsum("mx,mx->m", normals, normals)), 1e-12)[:, None]
     ambient, key = irradiance(normals, light)
-    return SPHERE * (ambient + key), depth
+    facing = -np.einsum("mx,mx->m", normals, rays) / np.sqrt(a)
+    return SPHERE * (ambient + key), depth, facing
 
 
 def encode(linear: Float32Array) -> UInt8Array:

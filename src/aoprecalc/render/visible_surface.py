@@ -95,19 +95,25 @@ class SphereDrawer:
     def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
         """Return the index of the sphere that each sample sees, see SurfaceDrawer."""
         indices = np.full((height, width), -1, np.int32)
-        nearest = np.full((height, width), np.inf, np.float32)
-        back = np.asarray(np.linalg.inv(matrix), np.float64)
+        nearest = np.full((height, width), np.inf)
+        eye, middle, across, down = _perspective(matrix)
         columns, rows = _sphere_bounds(self._centers, self._radii, matrix, width, height)
         for number, (center, radius) in enumerate(zip(self._centers, self._radii, strict=True)):
-            box = slice(*rows[number]), slice(*columns[number])
-            if box[0].start >= box[0].stop or box[1].start >= box[1].stop:
-                continue
-            (top, bottom), (left, right) = rows[number], columns[number]
+            (left, right), (top, bottom) = columns[number], rows[number]
+            box = slice(top, bottom), slice(left, right)
             x, y = _clip_coordinates(left, right, width), _clip_coordinates(top, bottom, height)
-            along = _ray_parameter(back, x, y, center, radius)
+            # The quadratic equation of a ray and a sphere: its terms are sums of one of x and one of y.
+            away = eye - center
+            a = (x * x * (across @ across) + 2 * x * (middle @ across)) + (
+                y * y * (down @ down) + 2 * y * (middle @ down) + middle @ middle
+            )[:, None]
+            b = x * (away @ across) + (y * (away @ down) + away @ middle)[:, None]
+            root = b * b - a * (away @ away - radius**2)
+            np.sqrt(root, out=root, where=root > 0)
+            along = np.where(root > 0, (-b - root) / a, np.inf)
             closer = along < nearest[box]
-            nearest[box][closer] = along[closer]
-            indices[box][closer] = number
+            np.copyto(nearest[box], along, where=closer)
+            np.copyto(indices[box], number, where=closer)
         return indices
 
     def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
@@ -142,22 +148,15 @@ def _clip_coordinates(begin: int, end: int, size: int) -> Float64Array:
     return np.asarray((np.arange(begin, end) + 0.5) * (2 / size) - 1, np.float64)
 
 
-def _ray_parameter(
-    back: Float64Array, x: Float64Array, y: Float64Array, center: Float64Array, radius: float
-) -> Float32Array:
-    """Return where rays first meet a sphere, (h, w) float32, from 0 at the near to 1 at the far plane; else inf.
+def _perspective(matrix: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+    """Return the eye of a camera and its rays: through (x, y) of clip space goes middle + x across + y down.
 
-    back   from clip space to positions; the rays go through (w,) x and (h,) y there
+    across and down are perpendicular; the rays end at the far plane.
     """
-    near, far = (
-        (_unproject(back, x, y, depth) - center.astype(np.float32)).reshape(len(y), len(x), 3) for depth in (-1.0, 1.0)
-    )
-    ray = far - near
-    a, b = (np.einsum("hwx,hwx->hw", ray, other) for other in (ray, near))
-    # The squared distance of the centre from the ray: without the cancellation of the usual discriminant.
-    closest = near - (b / a)[..., None] * ray
-    inside = np.float32(radius**2) - np.einsum("hwx,hwx->hw", closest, closest)
-    return np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0) * a)) / a, np.float32(np.inf))
+    back = np.linalg.inv(matrix)
+    eye = back[:3, 2] / back[3, 2]
+    depth = back[3, 2] + back[3, 3]
+    return eye, (back[:3, 2] + back[:3, 3]) / depth - eye, back[:3, 0] / depth, back[:3, 1] / depth
 
 
 def _sphere_bounds(
