@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.metrics import PicturePair
+from aoprecalc.metrics.difference import PicturePair
 from aoprecalc.render.comparison import TILE_MAX_SIZE, TILE_MIN_SIZE, comparison_picture, diverging_colors
 
 

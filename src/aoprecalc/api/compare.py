@@ -27,15 +27,15 @@ from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import NoOcclusionError, baked_options, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files.files import SPHERE_EXTENSIONS, read_levels
-from aoprecalc.metrics import (
+from aoprecalc.metrics.difference import (
     ComparedMesh,
     ComparedTexture,
     Difference,
     document_difference,
     mesh_difference,
     picture_difference,
-    spheres_difference,
 )
+from aoprecalc.metrics.sphere_difference import spheres_difference
 from aoprecalc.options import CompareOptions, ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, notes_of, tell, warnings_of

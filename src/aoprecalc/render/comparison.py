@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aoprecalc.metrics import PicturePair
+from aoprecalc.metrics.difference import PicturePair
 from aoprecalc.render.contact_sheet import Ticks, contact_sheet, with_scale
 from aoprecalc.types import Float32Array, Float64Array, Picture, Texels
 

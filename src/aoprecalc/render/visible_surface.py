@@ -95,7 +95,7 @@ class SphereDrawer:
     def visible(self, matrix: Float64Array, width: int, height: int) -> Int32Array:
         """Return the index of the sphere that each sample sees, see SurfaceDrawer."""
         indices = np.full((height, width), -1, np.int32)
-        nearest = np.full((height, width), np.inf)
+        nearest = np.full((height, width), np.inf, np.float32)
         eye, middle, across, down = _perspective(matrix)
         columns, rows = _sphere_bounds(self._centers, self._radii, matrix, width, height)
         for number, (center, radius) in enumerate(zip(self._centers, self._radii, strict=True)):
@@ -110,7 +110,7 @@ class SphereDrawer:
             b = x * (away @ across) + (y * (away @ down) + away @ middle)[:, None]
             root = b * b - a * (away @ away - radius**2)
             np.sqrt(root, out=root, where=root > 0)
-            along = np.where(root > 0, (-b - root) / a, np.inf)
+            along = np.where(root > 0, (-b - root) / a, np.inf).astype(np.float32)
             closer = along < nearest[box]
             np.copyto(nearest[box], along, where=closer)
             np.copyto(indices[box], number, where=closer)
