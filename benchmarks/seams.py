@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.io import find_occlusion, load_scene
-from aoprecalc.mesh.normals import face_normals, shading_normals
-from aoprecalc.mesh.surface import SurfacePoints, sample_surface
+from aoprecalc.mesh.surface import SurfacePoints, face_normals, sample_surface, shading_normals
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level, reference_ao
 from aoprecalc.options import VerifyOptions

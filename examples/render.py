@@ -18,7 +18,7 @@ from aoprecalc import AoprecalcError, InputError
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.io import load_scene, read_image
 from aoprecalc.io.sphere_files import read_spheres
-from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.mesh.surface import shading_normals
 
 
 def unit(*vector: float) -> np.ndarray:

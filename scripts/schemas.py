@@ -16,6 +16,7 @@ import msgspec
 from aoprecalc.api.compare import CompareReport
 from aoprecalc.api.doctor import DoctorReport
 from aoprecalc.api.preview import PreviewReport
+from aoprecalc.api.report import PageReport
 from aoprecalc.api.reports import OMIT_NONE, BakeReport, Document, Report, SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.io.outputs import SCHEMAS
@@ -30,7 +31,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 ADDRESS = "https://raw.githubusercontent.com/aoprecalc/aoprecalc/main/src/aoprecalc/schemas"
 Schema = dict[str, Any]
 
-# Sphere sets are laid out by `io/sphere_files/json_format.py`, one sphere a line; these classes state what is in them.
+# Sphere sets are laid out by `io/sphere_files/tables.py`, one sphere a line; these classes state what is in them.
 
 
 @dataclass(frozen=True)
@@ -246,6 +247,7 @@ DOCUMENTS: dict[str, tuple[type[Report], str]] = {
     "compare": (CompareReport, "Report of aoprecalc compare"),
     "doctor": (DoctorReport, "Output of aoprecalc doctor --json"),
     "preview": (PreviewReport, "Output of aoprecalc preview --json"),
+    "report": (PageReport, "Output of aoprecalc report --json"),
     "spheres": (SphereSetFile, "Sphere set of aoprecalc spheres"),
     "measure": (SphereMeasurement, "Output of aoprecalc spheres --measure --json"),
     "verify": (VerifyReport, "Report of aoprecalc verify"),

@@ -33,6 +33,7 @@ __all__ = [
     "InputError",
     "Mesh",
     "OutputError",
+    "PageReport",
     "PreviewOptions",
     "PreviewReport",
     "PreviewResult",
@@ -57,6 +58,7 @@ __all__ = [
     "measure_spheres",
     "preview",
     "verify",
+    "write_report",
 ]
 
 if TYPE_CHECKING:
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     from aoprecalc.api.doctor import DoctorReport, doctor
     from aoprecalc.api.mesh import Mesh, load
     from aoprecalc.api.preview import PreviewReport, PreviewResult, preview
+    from aoprecalc.api.report import PageReport, write_report
     from aoprecalc.api.reports import BakeReport, SphereQuality
     from aoprecalc.api.spheres import SphereResult, fit_spheres, load_spheres, measure_spheres
     from aoprecalc.api.verify import VerifyReport, verify
@@ -90,6 +93,7 @@ else:
         "api.doctor": ("DoctorReport", "doctor"),
         "api.mesh": ("Mesh", "load"),
         "api.preview": ("PreviewReport", "PreviewResult", "preview"),
+        "api.report": ("PageReport", "write_report"),
         "api.reports": ("BakeReport", "SphereQuality"),
         "api.spheres": ("SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
         "api.verify": ("VerifyReport", "verify"),

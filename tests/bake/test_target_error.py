@@ -7,7 +7,7 @@ import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.gl.context import open_renderer
-from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.uv.unwrap import unwrap

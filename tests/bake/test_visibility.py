@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.mesh.surface import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface, shading_normals
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, build_layout

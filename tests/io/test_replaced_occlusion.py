@@ -9,8 +9,7 @@ import pytest
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import Outputs, write_baked_mesh, write_image
-from aoprecalc.io.formats.gltf.buffers import GltfBuffer
-from aoprecalc.io.formats.gltf.references import add_entry, compact, release_references
+from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry, compact, release_references
 from gltf_kit.gltf_maker import png
 from gltf_kit.gltf_values import GltfValues
 

@@ -8,7 +8,7 @@ import trimesh
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene, output_mesh_extension
-from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.surface import face_normals
 
 MOVED_AND_MIRRORED = np.array([[-1, 0, 0, 5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 

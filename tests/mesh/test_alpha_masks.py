@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from aoprecalc.mesh.normals import area_vectors
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
+from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.types import AlphaMask, Material
 from shapes import box, join, quad, quad_uvs, rotation, scene
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError
-from aoprecalc.mesh.normals import geometric_normals, shading_normals
+from aoprecalc.mesh.surface import geometric_normals, shading_normals
 from aoprecalc.mesh.topology import Topology, topology
 from shapes import ball, box, hull, join, quad, scene
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import RendererError
-from aoprecalc.mesh.normals import shading_normals
 from aoprecalc.mesh.roles import assign_roles
-from aoprecalc.mesh.surface import SurfacePoints, sample_surface
+from aoprecalc.mesh.surface import SurfacePoints, sample_surface, shading_normals
 from aoprecalc.metrics.errors import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from aoprecalc.raster import cpu_rasterizer, spans
+from aoprecalc.raster import cpu_rasterizer
 from aoprecalc.raster import layout as raster_layout
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
@@ -88,7 +88,7 @@ def test_how_the_work_is_cut_changes_nothing(monkeypatch):
     whole = CPURasterizer(layout)
     expected, covered, overlap = whole.samples(every, (0.2, 0.6)), whole.coverage(), whole.overlap()
     monkeypatch.setattr(raster_layout, "BAND_TEXELS", layout.width * 23)
-    monkeypatch.setattr(spans, "_CHUNK", 50)
+    monkeypatch.setattr(cpu_rasterizer, "_SPAN_CHUNK", 50)
     monkeypatch.setattr(cpu_rasterizer, "_CHUNK", 1000)
     cut = CPURasterizer(layout)
     found = cut.samples(every, (0.2, 0.6))

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from aoprecalc.raster import least_squares
+from aoprecalc.raster import resolve
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, texel_positions
-from aoprecalc.raster.least_squares import LeastSquaresImage
-from aoprecalc.raster.padding import pad_and_fill, resolve_texels
+from aoprecalc.raster.resolve import LeastSquaresImage, pad_and_fill, resolve_texels
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas
 from aoprecalc.visibility.directions import texel_offset
@@ -37,12 +36,12 @@ def fitted(shape, *parts, repeats=False, start=None):
 @pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_it_solves_the_normal_equations(shape, repeats, monkeypatch):
-    monkeypatch.setattr(least_squares, "_PRECISION", 1e-6)
+    monkeypatch.setattr(resolve, "_PRECISION", 1e-6)
     at, values, weights = measurements(3, shape, 60)
     start = np.random.default_rng(4).random(shape).astype(np.float32)
     each = np.eye(start.size).reshape(-1, *shape)
     look_ups = np.column_stack([looked_up(texel, at.astype(float), repeats) for texel in each])
-    prior = np.sqrt(least_squares._PRIOR * weights.mean())
+    prior = np.sqrt(resolve._PRIOR * weights.mean())
     root = np.sqrt(weights)[:, None]
     left = np.concatenate([root * look_ups, prior * np.eye(start.size)])
     right = np.concatenate([root[:, 0] * values, prior * start.ravel()])

@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from aoprecalc.raster import padding as padding_module
-from aoprecalc.raster.least_squares import LeastSquaresImage
-from aoprecalc.raster.padding import ResolvedTexture, lighter_of_sides, pad, pad_and_fill, push_pull, resolve_texels
+from aoprecalc.raster import resolve
+from aoprecalc.raster.resolve import (
+    LeastSquaresImage,
+    ResolvedTexture,
+    lighter_of_sides,
+    pad,
+    pad_and_fill,
+    push_pull,
+    resolve_texels,
+)
 from aoprecalc.types import Texels
 
 
@@ -36,7 +43,7 @@ def slow_pad(picture, valid, reach, repeats):
 @pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_padding_copies_the_nearest_valid_texel(seed, repeats, monkeypatch):
-    monkeypatch.setattr(padding_module, "_BAND_ROWS", 7)
+    monkeypatch.setattr(resolve, "_BAND_ROWS", 7)
     picture, valid = islands(seed)
     got, known = pad(picture, valid, 4, repeats=repeats)
     expected, expected_known, tied = slow_pad(picture, valid, 4, repeats)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.render import view_geometry as module
 from aoprecalc.render.view_geometry import view_geometry, viewer_script
 from aoprecalc.types import BaseColor, TexturedMesh

@@ -4,8 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from aoprecalc.api.reports import SphereQuality
-from aoprecalc.cli.spheres import MEASURES
+from aoprecalc.api.reports import MEASURES, SphereQuality
 from pipeline.helpers import write_ring
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.mesh.normals import shading_normals
+from aoprecalc.mesh.surface import shading_normals
 from shapes import scene
 
 

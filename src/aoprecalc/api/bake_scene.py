@@ -18,14 +18,14 @@ from aoprecalc.api.reports import (
     UvSetCheck,
 )
 from aoprecalc.errors import InputError, UsageError, counted, one_or_many
-from aoprecalc.mesh.normals import area_vectors, default_crease_angle, geometric_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles, up_axis
+from aoprecalc.mesh.surface import area_vectors, default_crease_angle, geometric_normals, shading_normals
 from aoprecalc.mesh.topology import topology
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, warnings_of
-from aoprecalc.raster.padding import lighter_of_sides, pad_and_fill, resolve_texels
+from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
 from aoprecalc.uv.unwrap import MAX_OVERLAP, choose_atlas, first_unsafe_mip, needs_uvs
 from aoprecalc.visibility.backend import open_backend

@@ -24,8 +24,7 @@ import numpy as np
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.gl.context import VERSION, Candidate, count_devices, make_context
-from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.surface import sample_surface
+from aoprecalc.mesh.surface import face_normals, sample_surface
 from aoprecalc.options import Backend, BakeOptions
 from aoprecalc.subprocesses import end_with_parent
 from aoprecalc.texture_lookup import bilinear

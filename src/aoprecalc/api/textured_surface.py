@@ -18,8 +18,8 @@ from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, sou
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, mesh_beside
-from aoprecalc.mesh.normals import face_normals, shading_normals
 from aoprecalc.mesh.roles import assign_roles, names_a_part, up_axis
+from aoprecalc.mesh.surface import face_normals, shading_normals
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, tell

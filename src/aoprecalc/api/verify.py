@@ -21,8 +21,7 @@ from aoprecalc.io import (
 )
 from aoprecalc.io.meshes import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
-from aoprecalc.mesh.normals import shading_normals
-from aoprecalc.mesh.surface import sample_surface
+from aoprecalc.mesh.surface import sample_surface, shading_normals
 from aoprecalc.metrics.errors import (
     TextureErrors,
     errors_per_mip_level,

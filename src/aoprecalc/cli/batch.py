@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
-from aoprecalc.cli.console import annotate, say
+from aoprecalc.cli.console import Console, annotate, say
 from aoprecalc.cli.options import DEFAULT_CACHE, FILE, Command, explained, option, options_of, output_options, take
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import AnswerError, StoppedError, UsageError, counted, one_or_many
@@ -70,6 +70,13 @@ class _BatchCommand(Command):
     help="Write a JUnit file with a test case for each mesh.",
     more="A folder gets `batch.xml`.",
 )
+@option(
+    "--html",
+    metavar="FILE",
+    group="Output",
+    help="Write a page that shows the results, as `aoprecalc report` does.",
+    more="A folder gets `batch.html`.",
+)
 @option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of results that batches share.")
 @option("--no-cache", is_flag=True, group="Cache", help="Neither use a cache nor add to one.")
 @options_of(BatchOptions)
@@ -83,6 +90,7 @@ def batch(
     no_cache: bool,
     report: str | None,
     junit: str | None,
+    html: str | None,
     quiet: bool,
     verbose: bool,
     as_json: bool,
@@ -96,6 +104,7 @@ def batch(
     A result is made again only if its mesh, the options or the version of aoprecalc have changed. If a mesh fails, the
     others are still made, and the exit code is 1.
     """
+    from aoprecalc.api.report import write_page
     from aoprecalc.cli.batch_table import BatchTable, table
     from aoprecalc.io import Outputs
     from aoprecalc.io.outputs import claim_output, json_text, write_json
@@ -111,7 +120,7 @@ def batch(
             _parse_options(bake_command, "--bake", bake), _parse_options(spheres_command, "--spheres", spheres)
         )
     planned = plan_batch(patterns, output, spec)
-    requested = {"report": (report, ".json"), "junit": (junit, ".xml")}
+    requested = {"report": (report, ".json"), "junit": (junit, ".xml"), "html": (html, ".html")}
     paths = {name: _report_path(name, text, suffix) for name, (text, suffix) in requested.items() if text is not None}
     with Outputs() as outputs:
         outputs.protect(planned.protected_files())
@@ -124,6 +133,8 @@ def batch(
             write_json(outputs.path(paths["report"]), result.report.to_dict())
         if "junit" in paths:
             outputs.path(paths["junit"]).write_text(junit_text(result.results, result.report.seconds), encoding="utf-8")
+        if "html" in paths:
+            write_page(outputs, paths["html"], result.report, progress=Console(quiet=quiet, verbose=verbose))
     if as_json:
         click.echo(json_text(result.report.to_dict()), nl=False)
     else:

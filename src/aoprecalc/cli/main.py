@@ -19,6 +19,7 @@ from aoprecalc.cli.console import annotate, without_controls
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.options import explained
 from aoprecalc.cli.preview import preview
+from aoprecalc.cli.report import report
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
 from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name
@@ -119,7 +120,7 @@ def completion(shell: str) -> None:
     click.echo(kind(click.get_current_context().find_root().command, {}, "aoprecalc", VARIABLE).source())
 
 
-for command in (bake, batch, cache, spheres, preview, verify, compare, doctor, completion):
+for command in (bake, batch, cache, spheres, preview, verify, compare, report, doctor, completion):
     main.add_command(command)
 
 

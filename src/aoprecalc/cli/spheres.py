@@ -96,28 +96,8 @@ def _summary(quality: "SphereQuality") -> str:
     return f"silhouette IoU {quality.silhouette_iou:.3f}{parts}; {error}"
 
 
-# What each measure is, and its unit.
-MEASURES = {
-    "radius_min": "smallest radius, in the mesh's units",
-    "radius_mean": "mean radius, in the mesh's units",
-    "radius_max": "largest radius, in the mesh's units",
-    "radius_deviation": "standard deviation of the radii, in the mesh's units",
-    "inertia": "sum of squared distances, surface samples to nearest centres, over diagonal squared",
-    "surface_error_mean": "mean distance of the surface to the nearest sphere, over the diagonal",
-    "surface_error_p95": "95% of the surface is within this distance, over the diagonal",
-    "surface_error_max": "largest distance, over the diagonal",
-    "coverage": "share of the surface inside spheres, 0 to 1",
-    "silhouette_iou": "intersection over union of the silhouettes, 1 is best: mean of the views",
-    "silhouette_iou_min": "the same, of the worst view",
-    "leak": "mesh silhouette that spheres do not cover, over its area",
-    "spill": "sphere silhouette outside the mesh's, over the area of the mesh's",
-    "area_bias": "silhouette area of the spheres less the mesh's, over the mesh's",
-    "overlap": "mean number of spheres at a point inside them, at least 1",
-    "inside_volume": "volume of the spheres inside the mesh, over its volume",
-    "outside_volume": "volume of the spheres outside the mesh, over its volume",
-}
-
-
 def _table(quality: dict[str, float]) -> list[str]:
     """Return a line for each measure: its name in reports, its value, what it is."""
+    from aoprecalc.api.reports import MEASURES
+
     return [f"{name:20} {value:<11.6g}  {MEASURES[name]}" for name, value in quality.items()]

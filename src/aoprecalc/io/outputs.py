@@ -218,6 +218,7 @@ SCHEMAS = {
     "compare": 1,
     "doctor": 1,
     "preview": 1,
+    "report": 1,
     "spheres": 1,
     "verify": 1,
 }

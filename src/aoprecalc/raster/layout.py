@@ -6,8 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.normals import area_vectors
-from aoprecalc.mesh.surface import to_unit_sphere
+from aoprecalc.mesh.surface import area_vectors, to_unit_sphere
 from aoprecalc.mesh.topology import boundary_edges, face_components
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Int64Array, Scene, Texels
 

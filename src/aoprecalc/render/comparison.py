@@ -1,12 +1,17 @@
-"""False-colour pictures of errors: the heat map of a verified texture, and two compared pictures side by side."""
+"""Pictures in texture space: the heat map of errors, two compared textures side by side, the layout of charts."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from aoprecalc.mesh.topology import face_components
 from aoprecalc.metrics.difference import PicturePair
+from aoprecalc.raster.cpu_rasterizer import edge_texels, expand_counts, snap_to_grid, triangle_spans
+from aoprecalc.raster.layout import CENTER, Layout, atlas_from_uvs, build_layout, corner_ids
 from aoprecalc.render.contact_sheet import Ticks, contact_sheet, with_scale
-from aoprecalc.types import Float32Array, Float64Array, Picture, Texels
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, Picture, Texels, TexturedMesh
 
 SATURATION_ERROR = 0.1  # the error at which colours saturate
 BACKGROUND = (48, 48, 48)
@@ -111,3 +116,110 @@ def _heat_colors(values: Float64Array) -> Picture:
 def _to_bytes(colors: NDArray[np.floating]) -> Picture:
     picture: Picture = np.floor(np.clip(colors, 0, 1) * 255 + 0.5).astype(np.uint8)
     return picture
+
+
+# The charts of a texture, and its values.
+
+CHART_SAMPLES = 2  # per axis, of a pixel of the chart layout
+_WIREFRAME = 4000  # faces up to which the layout shows their edges
+_PAPER = np.array([247, 247, 245], np.float64)
+_OUTLINE, _EDGE = 0.45, 0.82  # brightness of a chart's outline, and of an edge inside it, over the chart's own
+_TONES = (0.0, 0.618034, 0.236068, 0.854102, 0.472136, 0.090170, 0.708204, 0.326238)  # hues, far apart in turn
+
+
+def grey_picture(values: Float32Array) -> Picture:
+    """Return values, (h, w) in [0, 1], as uint8, (h, w)."""
+    picture: Picture = np.floor(np.clip(values, 0, 1).astype(np.float64) * 255 + 0.5).astype(np.uint8)
+    return picture
+
+
+@dataclass(frozen=True, eq=False)
+class ChartLayout:
+    """The charts of a texture.
+
+    picture   (h, w, 3) uint8 sRGB, row 0 at v = 1: a colour for each chart, its outline, and edges where there are few
+    charts    their number
+    covered   (h', w') bool: points of a finer grid over the texture that lie in a triangle
+    """
+
+    picture: Picture
+    charts: int
+    covered: BoolArray
+
+
+def chart_layout(mesh: TexturedMesh, size: tuple[int, int]) -> ChartLayout | None:
+    """Draw the charts of a mesh's texture, `size` pixels wide and high; None where no face has UVs in it."""
+    if mesh.uvs is None or not mesh.textured.any():
+        return None
+    width, height = (CHART_SAMPLES * side for side in size)
+    atlas = atlas_from_uvs(mesh.scene, mesh.uvs, mesh.textured)
+    layout = build_layout(mesh.scene, atlas, width, height)
+    mapped = np.flatnonzero(mesh.textured)
+    chart_of = np.full(len(mesh.textured), -1)
+    chart_of[mapped] = face_components(corner_ids(mesh.scene.faces[mapped], mesh.uvs[mapped]))
+    owner = _face_at(layout)
+    colors = np.vstack([chart_colors(atlas.charts), _PAPER])  # the last is that of no chart
+    chart = np.where(owner < 0, atlas.charts, chart_of[owner])
+    pixels = colors[chart]
+    if len(mapped) <= _WIREFRAME:
+        ends = layout.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 2)
+        _darken(pixels, colors[chart_of[layout.faces]].repeat(3, axis=0), ends, width, height, _EDGE)
+    _darken(pixels, colors[chart_of[layout.border_faces]], layout.borders[:, :2], width, height, _OUTLINE)
+    fine = pixels.reshape(size[1], CHART_SAMPLES, size[0], CHART_SAMPLES, 3)
+    picture = np.floor(fine.mean(axis=(1, 3)) + 0.5).astype(np.uint8)
+    return ChartLayout(picture, atlas.charts, (owner >= 0).reshape(height, width))
+
+
+def chart_colors(count: int) -> NDArray[np.float64]:
+    """Return a light colour for each chart, (count, 3) sRGB in [0, 255], those of near numbers far apart."""
+    index = np.arange(count)
+    hue = np.asarray(_TONES)[index % len(_TONES)] + 0.031 * (index // len(_TONES))
+    light = 0.80 - 0.10 * (index // 3 % 3)
+    waves = 2 * np.pi * (hue[:, None] + (0, 1 / 3, 2 / 3))
+    colors: NDArray[np.float64] = 255 * (light[:, None] + 0.17 * np.cos(waves))
+    return np.clip(colors, 0, 255)
+
+
+def ao_histogram(ao: Float32Array, covered: BoolArray | None, bins: int) -> tuple[Int64Array, Float32Array]:
+    """Count the values of a texture, (h, w), that the surface shows, in bins of [0, 1].
+
+    covered   (h', w') bool: where it is, on any grid over the texture; None: everywhere
+    Returns the counts, (bins,), and the values, (n,).
+    """
+    values = ao.ravel()
+    if covered is not None:
+        row, column = np.nonzero(covered)
+        rows = (2 * row + 1) * ao.shape[0] // (2 * covered.shape[0])
+        columns = (2 * column + 1) * ao.shape[1] // (2 * covered.shape[1])
+        values = ao[rows, columns]
+    counts = np.histogram(np.clip(values, 0, 1), bins, (0.0, 1.0))[0]
+    return counts.astype(np.int64), values
+
+
+def _face_at(layout: Layout) -> Int64Array:
+    """Return the face at the centre of each texel, (height * width,) int64; -1 for none."""
+    owner = np.full(layout.width * layout.height, -1)
+    corners = snap_to_grid(layout.triangles, CENTER)
+    for triangle, first, length in triangle_spans(corners, layout.width, 0, layout.height):
+        for span, step in expand_counts(length):
+            owner[first[span] + step] = layout.faces[triangle[span]]
+    return owner
+
+
+def _darken(
+    pixels: NDArray[np.float64],
+    colors: NDArray[np.float64],
+    edges: NDArray[np.floating],
+    width: int,
+    height: int,
+    share: float,
+) -> None:
+    """Draw edges, (e, 2, 2) in pixels, over (height * width, 3) pixels, each in its colour times `share`."""
+    for edge, row, column in edge_texels(edges.astype(np.float64), width, 0, height):
+        pixels[row * width + column] = colors[edge] * share
+
+
+def heat_map_picture(pixels: Float32Array) -> Picture:
+    """Return a heat map, (h, w, channels) in [0, 1] as read from its file, as (h, w, 3) uint8 sRGB."""
+    colors = grey_picture(pixels[:, :, :3])
+    return colors if colors.shape[2] == 3 else colors[:, :, :1].repeat(3, axis=2)

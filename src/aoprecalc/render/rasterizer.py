@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from aoprecalc.mesh.normals import normalize, shading_normals
+from aoprecalc.mesh.surface import normalize, shading_normals
+from aoprecalc.raster.cpu_rasterizer import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.raster.layout import CENTER
-from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.spheres.sampling import NormalizedFrame
 from aoprecalc.spheres.silhouettes import Views, mesh_silhouettes, spheres_per_pixel
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array, Picture, Scene

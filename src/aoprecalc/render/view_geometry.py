@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.surface import face_normals
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, TexturedMesh, UInt8Array
 

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aoprecalc.raster.spans import expand_counts
+from aoprecalc.raster.cpu_rasterizer import expand_counts
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from aoprecalc.visibility.rays import RayCaster
 

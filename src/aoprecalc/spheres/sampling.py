@@ -10,10 +10,9 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.surface import fold_to_triangle, pick_faces
+from aoprecalc.mesh.surface import face_normals, fold_to_triangle, pick_faces
+from aoprecalc.raster.cpu_rasterizer import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.raster.layout import CENTER
-from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.spheres.silhouettes import disc_spans
 from aoprecalc.types import BoolArray, Float64Array, Int32Array, Scene
 

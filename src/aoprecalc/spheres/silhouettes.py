@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from aoprecalc.raster.cpu_rasterizer import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.raster.layout import CENTER
-from aoprecalc.raster.spans import expand_counts, snap_to_grid, triangle_spans
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, fibonacci_hemisphere, orthonormal_basis
 

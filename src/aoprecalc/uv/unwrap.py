@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, one_or_many, option_name
-from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.surface import face_normals
 from aoprecalc.mesh.topology import boundary_edges
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress

@@ -12,8 +12,7 @@ import numpy as np
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.gl.context import Renderer, compute_program, draw_program
-from aoprecalc.mesh.normals import face_normals
-from aoprecalc.mesh.surface import NormalizedSurface
+from aoprecalc.mesh.surface import NormalizedSurface, face_normals
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.normals import area_vectors, normalize
-from aoprecalc.mesh.surface import active_positions
+from aoprecalc.mesh.surface import active_positions, area_vectors, normalize
 from aoprecalc.options import Sampling
 from aoprecalc.types import Atlas, Float64Array, Scene
 

@@ -12,7 +12,7 @@ import numpy as np
 from aoprecalc.options import Estimator, Sampling
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, texel_positions
-from aoprecalc.raster.least_squares import LeastSquaresImage
+from aoprecalc.raster.resolve import LeastSquaresImage
 from aoprecalc.types import (
     REVERSED_WINDING,
     BoolArray,

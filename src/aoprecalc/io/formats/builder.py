@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, counted, one_or_many
-from aoprecalc.mesh.normals import face_normals, normalize
+from aoprecalc.mesh.surface import face_normals, normalize
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note, notes_of, warnings_of
 from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import InputError, OutputError, UsageError
-from aoprecalc.io.sphere_files.json_format import check_spheres, read_coarser, read_json, sphere_document
 from aoprecalc.io.sphere_files.scenes import (
     identifier,
     printable_name,
@@ -21,14 +20,18 @@ from aoprecalc.io.sphere_files.scenes import (
     usda_stage,
 )
 from aoprecalc.io.sphere_files.tables import (
+    check_spheres,
     csv_table,
     curobo_yaml,
     npz_archive,
     ply_points,
+    read_coarser,
     read_csv,
     read_curobo_yaml,
+    read_json,
     read_npz,
     read_ply_points,
+    sphere_document,
 )
 from aoprecalc.types import Float64Array, Scene, SphereSet
 

@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json
+from aoprecalc.io.formats.gltf.references import GltfBuffer
 from aoprecalc.io.formats.gltf.writer import glb
 from aoprecalc.io.meshes import load_scene
-from aoprecalc.io.sphere_files.json_format import read_file
+from aoprecalc.io.sphere_files.tables import read_file
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 

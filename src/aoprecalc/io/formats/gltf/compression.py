@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.builder import damaged_file
-from aoprecalc.io.formats.gltf.buffers import ARRAY, ELEMENT_ARRAY, UINT, DecodedCopy
 from aoprecalc.io.formats.gltf.document import COMPONENTS, WIDTHS, GltfDocument, Json, view_bytes
+from aoprecalc.io.formats.gltf.references import ARRAY, ELEMENT_ARRAY, UINT, DecodedCopy
 
 DRACO, DRACO_PACKAGE = "KHR_draco_mesh_compression", "DracoPy"
 MESHOPT, MESHOPT_PACKAGE = ("EXT_meshopt_compression", "KHR_meshopt_compression"), "meshoptimizer"

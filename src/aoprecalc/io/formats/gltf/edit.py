@@ -9,10 +9,10 @@ import numpy as np
 
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
-from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
 from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, PrimitiveKey
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource
+from aoprecalc.io.formats.gltf.references import GltfBuffer
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene

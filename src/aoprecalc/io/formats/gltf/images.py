@@ -9,10 +9,9 @@ from urllib.parse import quote, unquote
 
 from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.builder import read_file
-from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import Json, data_uri, local_file
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
-from aoprecalc.io.formats.gltf.references import add_entry
+from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry
 from aoprecalc.io.images import png_bytes, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.progress import Note

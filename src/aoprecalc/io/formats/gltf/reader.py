@@ -16,7 +16,7 @@ from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values,
 from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
-from aoprecalc.mesh.normals import face_normals
+from aoprecalc.mesh.surface import face_normals
 from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 

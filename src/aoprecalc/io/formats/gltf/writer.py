@@ -18,7 +18,6 @@ from aoprecalc.io.formats.base import (
     material_use,
     source_materials,
 )
-from aoprecalc.io.formats.gltf.buffers import GltfBuffer
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document
 from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, carry_images
@@ -31,7 +30,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     replaced_references,
     texture_info,
 )
-from aoprecalc.io.formats.gltf.references import compact, release_references
+from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references
 from aoprecalc.io.images import options_text, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.mesh.topology import corners_to_vertices
