@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.render import view_geometry as module
@@ -68,6 +69,15 @@ def unpacked(document):
     return np.array(triangles).reshape(-1, 3), columns
 
 
+def same_triangles(all_uvs, uvs):
+    """For each of the second triangles in UV space, which of the first it is; both may start at another corner."""
+    distances, same = cKDTree(all_uvs.mean(axis=1)).query(uvs.mean(axis=1))
+    assert distances.max() < 1 / 4096
+    assert len(np.unique(same)) == len(uvs)
+    turns = [np.abs(np.roll(all_uvs[same], -turn, axis=1) - uvs).max(axis=(1, 2)) for turn in range(3)]
+    return same[:, None], (np.argmin(turns, axis=0)[:, None] + np.arange(3)) % 3
+
+
 def positions_of(columns):
     return np.stack([columns[name] for name in "xyz"], axis=1)
 
@@ -86,11 +96,12 @@ def test_a_small_mesh_is_kept_as_it_is():
     triangles, columns = unpacked(json.loads(json.dumps(view.as_json())))
     assert view.total_triangles == len(triangles) == len(mesh.scene.faces)
     corners = view.center + view.scale * positions_of(columns)[triangles]
-    np.testing.assert_allclose(corners, mesh.scene.corners, atol=2.0 / 65535)
-    cosines = (normals_of(columns)[triangles] * mesh.normals).sum(axis=-1)
-    assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < 0.2
     uvs = np.stack([columns["u"], columns["v"]], axis=1)[triangles]
-    np.testing.assert_allclose(uvs, mesh.uvs, atol=0.51 / 65535)
+    same = same_triangles(mesh.uvs, uvs)
+    np.testing.assert_allclose(uvs, mesh.uvs[same], atol=0.51 / 4096)
+    np.testing.assert_allclose(corners, mesh.scene.corners[same], atol=2.02 / 2 / 8192)
+    cosines = (normals_of(columns)[triangles] * mesh.normals[same]).sum(axis=-1)
+    assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < 0.4
 
 
 def test_corners_share_a_vertex_unless_a_seam_parts_them():
@@ -125,7 +136,7 @@ def test_a_plane_stays_flat_and_its_texture_in_place():
     assert len(triangles) <= 500 < view.total_triangles == 7200
     points = view.center + view.scale * positions_of(columns)
     assert np.abs(points[:, 2]).max() < 1e-9
-    np.testing.assert_allclose(points[:, :2], np.stack([columns["u"], columns["v"]], axis=1), atol=1e-4)
+    np.testing.assert_allclose(points[:, :2], np.stack([columns["u"], columns["v"]], axis=1), atol=3e-4)
     a, b, c = points[triangles].transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(1, abs=1e-3)
 
@@ -185,7 +196,8 @@ def test_the_same_mesh_gives_the_same_bytes_wherever_it_is():
 def test_base_colors_and_what_the_texture_leaves_open():
     mesh = scene_of_parts(box(), ball(1), box((2, 2, 2), (3, 3, 3)), ball(0))
     picture = np.zeros((600, 300, 3), np.uint8)
-    uvs = [np.random.default_rng(1).uniform(0, 3, (part.stop - part.start, 3, 2)) for part in mesh.parts]
+    random = np.random.default_rng(1)
+    uvs = [random.uniform(0, 3, (part.stop - part.start, 3, 2)) for part in mesh.parts]
     colors = (
         BaseColor((1, 0, 0), picture, uvs[0]),
         BaseColor((0, 1, 0)),
@@ -204,7 +216,8 @@ def test_base_colors_and_what_the_texture_leaves_open():
     assert (texture[triangles] == texture[triangles[:, :1]]).all()
     with_texture = texture[triangles[:, 0]] == 0
     found = np.stack([columns["u1"], columns["v1"]], axis=1)[triangles[with_texture]]
-    np.testing.assert_allclose(found, np.concatenate([uvs[0], uvs[2]]), atol=3 / 65535)
+    expected = np.concatenate([uvs[0], uvs[2]])
+    np.testing.assert_allclose(found, expected[same_triangles(expected, found)], atol=0.51 / 4096)
 
 
 def test_a_mesh_that_stays_large_has_no_view():

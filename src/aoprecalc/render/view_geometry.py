@@ -15,17 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, depth_first_order
 
 from aoprecalc.mesh.surface import face_normals
-from aoprecalc.mesh.topology import corners_to_vertices
-from aoprecalc.types import Float64Array, Int32Array, TexturedMesh, UInt8Array
+from aoprecalc.mesh.topology import corners_to_vertices, edge_ids
+from aoprecalc.types import BoolArray, Float64Array, Int32Array, TexturedMesh, UInt8Array
 
 _FOLDER = Path(__file__).parent / "viewer"
-_LEVELS = 65535  # of a quantised number
-_NORMAL_LEVELS = 1023  # of each of the two numbers of a normal: 0.1 degrees
+# Steps of quantised numbers: of the mesh's extent along each axis, of a repeat of the texture, of the two of a normal.
+_MAX_LEVELS, _POSITION_LEVELS, _UV_LEVELS, _NORMAL_LEVELS = 65535, 8192, 4096, 510
 _MAX_EXCESS = 3  # how many times more triangles than asked for a view may have
 _MIN_TRIANGLE_QUALITY = 0.01  # 1: equilateral
-_MAX_NORMAL_ANGLE = 60  # degrees, of a vertex from its triangle
+_MAX_NORMAL_ANGLE = 75  # degrees, of a vertex from its triangle
 
 UInt16Array = NDArray[np.uint16]
 Attributes = dict[str, NDArray[Any]]  # by their names in glTF
@@ -52,7 +54,7 @@ class Column:
     values: UInt16Array
 
     @classmethod
-    def quantized(cls, name: str, numbers: Float64Array, levels: int = _LEVELS) -> "Column":
+    def quantized(cls, name: str, numbers: Float64Array, levels: int) -> "Column":
         """Quantise numbers, (n,), n >= 1; the greatest error is half of (max - min) / levels."""
         lower, upper = float(numbers.min()), float(numbers.max())
         step = (upper - lower) / levels
@@ -156,6 +158,8 @@ def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int
     if textures:
         attributes["TEXCOORD_1"] = _base_uvs(mesh)
     attributes, triangles = _indexed(scene.faces, attributes)
+    inwards = _inwards(scene.corners, mesh.normals)
+    triangles[inwards] = triangles[inwards][:, ::-1]
     if len(triangles) > max_triangles:
         attributes, triangles = _simplify(attributes, triangles, max_triangles)
         if len(triangles) > _MAX_EXCESS * max_triangles:
@@ -205,7 +209,7 @@ def _base_uvs(mesh: TexturedMesh) -> Float64Array:
 
 def _indexed(faces: Int32Array, attributes: Attributes) -> tuple[Attributes, Int32Array]:
     """Make vertices, (n, c), of attributes at corners, (f, 3, c): one for corners that agree in all to 16 bits."""
-    keys = [np.rint(values * _LEVELS) for name, values in attributes.items() if name != "POSITION"]
+    keys = [np.rint(values * _MAX_LEVELS) for name, values in attributes.items() if name != "POSITION"]
     vertices = corners_to_vertices(faces, *keys)
     at_vertices = {name: values.reshape(3 * len(faces), -1)[vertices.corner] for name, values in attributes.items()}
     return at_vertices, vertices.triangles.astype(np.int32)
@@ -245,10 +249,18 @@ def _with_own_normals(attributes: Attributes, triangles: Int32Array) -> tuple[At
     return attributes, triangles
 
 
+def _inwards(corners: Float64Array, normals: Float64Array) -> BoolArray:
+    """Return which triangles, (f,) bool, have a winding that their shading normals oppose at all corners."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    opposed: BoolArray = (np.einsum("fcx,fx->fc", normals, across) < 0).all(axis=1)
+    return opposed
+
+
 def _in_order_of_use(
     attributes: Attributes, triangles: Int32Array, surfaces: tuple[Surface, ...]
 ) -> tuple[Attributes, Int32Array]:
-    """Sort the triangles by their base texture, and the vertices by the first triangle that uses them."""
+    """Sort the triangles by base texture, then neighbours in a row, and the vertices by the triangles that use them."""
+    triangles = triangles[_neighbours_in_a_row(triangles)]
     texture = np.array([-1 if surface.texture is None else surface.texture for surface in surfaces])
     of_triangle = texture[attributes["_SURFACE"][triangles[:, 0], 0]]
     triangles = triangles[np.argsort(of_triangle, kind="stable")]
@@ -256,11 +268,30 @@ def _in_order_of_use(
     order = np.argsort(first)
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order))
-    return {name: values[used[order]] for name, values in attributes.items()}, rank[inverse].reshape(-1, 3)
+    triangles = rank[inverse].reshape(-1, 3)
+    newest_last = (triangles.argmax(axis=1)[:, None] + [1, 2, 3]) % 3
+    triangles = np.take_along_axis(triangles, newest_last, axis=1)
+    return {name: values[used[order]] for name, values in attributes.items()}, triangles
+
+
+def _neighbours_in_a_row(triangles: Int32Array) -> NDArray[np.intp]:
+    """Return an order of the triangles, (t,), that walks from each to a neighbour as far as it can (depth first)."""
+    count = len(triangles)
+    edges = edge_ids(triangles).reshape(-1)
+    order = np.argsort(edges, kind="stable")
+    shared = edges[order[1:]] == edges[order[:-1]]
+    one, other = order[:-1][shared] // 3, order[1:][shared] // 3
+    _, island = connected_components(coo_array((np.ones(len(one)), (one, other)), (count, count)), directed=False)
+    starts = np.unique(island, return_index=True)[1]  # all islands hang on one more node, from which the walk starts
+    rows, columns = np.concatenate([one, np.full(len(starts), count)]), np.concatenate([other, starts])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), (count + 1, count + 1)).tocsr()
+    walk: NDArray[np.intp] = depth_first_order(graph, count, directed=False, return_predecessors=False)[1:]
+    return walk.astype(np.intp)
 
 
 def _columns(attributes: Attributes) -> tuple[Column, ...]:
-    columns = [Column.quantized(name, attributes["POSITION"][:, axis]) for axis, name in enumerate("xyz")]
+    positions = attributes["POSITION"].T
+    columns = [Column.quantized(name, positions[axis], _POSITION_LEVELS) for axis, name in enumerate("xyz")]
     octahedral = octahedral_from_normals(attributes["NORMAL"])
     for axis, name in enumerate(("nu", "nv")):
         values = np.rint((octahedral[:, axis] + 1) / 2 * _NORMAL_LEVELS).astype(np.uint16)
@@ -268,7 +299,10 @@ def _columns(attributes: Attributes) -> tuple[Column, ...]:
     columns.append(Column("surface", 0.0, 1.0, attributes["_SURFACE"][:, 0].astype(np.uint16)))
     for attribute, names in (("TEXCOORD_0", ("u", "v")), ("TEXCOORD_1", ("u1", "v1"))):
         if attribute in attributes:
-            columns += [Column.quantized(name, attributes[attribute][:, axis]) for axis, name in enumerate(names)]
+            for axis, name in enumerate(names):
+                numbers = attributes[attribute][:, axis]
+                levels = _UV_LEVELS * max(int(np.ceil(np.ptp(numbers))), 1)
+                columns.append(Column.quantized(name, numbers, min(levels, _MAX_LEVELS)))
     return tuple(columns)
 
 
