@@ -22,6 +22,7 @@ from aoprecalc.render.report_page import (
     budget_for,
     render_page,
 )
+from aoprecalc.render.view_geometry import viewer_script
 
 
 @dataclass(frozen=True)
@@ -164,12 +165,12 @@ def read_page(
         earlier = {assets[0].name: next(iter(earlier.values()))}
     removed = [asset for name, asset in earlier.items() if name not in {asset.name for asset in assets}]
     budget = budget_for(len(assets) + len(removed))
-    pages = []
+    pages, script = [], viewer_script() or ""
     with progress.stage("draw", len(assets), "assets"):
         for asset in assets:
             shown = read_asset(asset)
             if shown is not None:
-                page = asset_page(shown, budget)
+                page = asset_page(shown, budget, interactive=bool(script))
                 if before is not None:
                     page = _compared(page, shown, earlier.get(asset.name), budget)
                 pages.append(page)
@@ -180,7 +181,7 @@ def read_page(
         )
     pages += [AssetPage(asset.name, "removed", change="removed") for asset in removed]
     heading = title or (f"{pages[0].name}: ambient occlusion" if len(pages) == 1 else _TITLE)
-    return render_page(pages, heading, before="" if before is None else _named(before))
+    return render_page(pages, heading, before="" if before is None else _named(before), viewer=script)
 
 
 def _compared(page: AssetPage, read: ReadAsset, earlier: AssetFiles | None, budget: Budget) -> AssetPage:

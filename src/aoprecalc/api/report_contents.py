@@ -44,6 +44,7 @@ from aoprecalc.render.report_page import (
     Table,
     web_picture,
 )
+from aoprecalc.render.view_geometry import view_geometry
 from aoprecalc.types import Float32Array, Float64Array, Picture
 
 
@@ -54,6 +55,7 @@ class ReadAsset:
     ao       (h, w) float32 in [0, 1], row 0 at v = 1; None without a texture
     spheres  centers (n, 3) and radii (n,)
     quality  of the spheres, where their file tells it
+    heat_map  (h, w, channels) float32 in [0, 1], as its file has it
     error    why a file could not be read
     """
 
@@ -62,6 +64,7 @@ class ReadAsset:
     ao: Float32Array | None = None
     spheres: tuple[Float64Array, Float64Array] | None = None
     quality: SphereQuality | None = None
+    heat_map: Float32Array | None = None
     error: str = ""
 
 
@@ -80,6 +83,7 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
                 ao = read_image(asset.texture)
         spheres = None if asset.spheres is None else read_spheres(asset.spheres)
         quality = None if asset.spheres is None else _quality(asset.spheres)
+        heat_map = None if asset.heat_map is None else read_pixels(asset.heat_map)
     except AoprecalcError as error:
         if asset.given:
             raise
@@ -89,7 +93,7 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
             told = "" if mesh is None else "; ".join(notes_of(mesh.messages)[-1:])
             raise InputError(told or f"{asset.mesh}: has no ambient occlusion; {EXPECTED}")
         return None
-    return ReadAsset(asset, mesh, ao, spheres, quality)
+    return ReadAsset(asset, mesh, ao, spheres, quality, heat_map)
 
 
 def _quality(path: Path) -> SphereQuality | None:
@@ -102,10 +106,11 @@ def _quality(path: Path) -> SphereQuality | None:
         return None
 
 
-def asset_page(read: ReadAsset, budget: Budget) -> AssetPage:
-    """Return what the page tells of an asset."""
+def asset_page(read: ReadAsset, budget: Budget, *, interactive: bool = False) -> AssetPage:
+    """Return what the page tells of an asset; `interactive`: with a 3D view."""
     asset, bake, verify = read.files, read.files.bake, read.files.verify
     pictures = _pictures(read, budget)
+    view, view_note = _view(read, budget) if interactive else (None, "Still pictures: three.js is not installed here.")
     batched = asset.batched
     summary = {} if batched is None or batched.summary is None else batched.summary
     warnings = [*(bake.warnings if bake else ()), *(verify.warnings if verify else ())]
@@ -133,6 +138,8 @@ def asset_page(read: ReadAsset, budget: Budget) -> AssetPage:
         tables=tuple(_tables(read)),
         commands=tuple(map(_printable, commands)),
         files=tuple((kind, _printable(str(path))) for kind, path in _files(asset)),
+        view=view,
+        view_note=view_note,
         **pictures,
     )
 
@@ -155,14 +162,10 @@ def _pictures(read: ReadAsset, budget: Budget) -> dict[str, Any]:
         if charts is not None:
             alt = f"UV layout of {name}: {counted(charts.charts, 'chart')}, each in a colour of its own"
             found["layout"] = web_picture(charts.picture, alt, budget.texture, lossless=True)
-    if read.files.heat_map is not None:
-        try:
-            colors = heat_map_picture(read_pixels(read.files.heat_map))
-        except InputError as error:
-            found["view_note"] = f"The heat map cannot be read: {error}"
-        else:
-            alt = f"Error of the texture of {name} against ray tracing, in texture space"
-            found["heat_map"] = web_picture(colors, alt, budget.texture)
+    if read.heat_map is not None:
+        colors = heat_map_picture(read.heat_map)
+        alt = f"Error of the texture of {name} against ray tracing, in texture space"
+        found["heat_map"] = web_picture(colors, alt, budget.texture)
     drawn = _stills(read, budget)
     if drawn:
         found["stills"] = tuple(Still(mode, web_picture(picture, alt, budget.preview)) for mode, picture, alt in drawn)
@@ -189,6 +192,30 @@ def _stills(read: ReadAsset, budget: Budget) -> list[tuple[str, Picture, str]]:
         spheres = read.spheres if with_spheres else None
         found.append((mode, preview_pictures(mesh, spheres, options, Progress())[0], alt))
     return found
+
+
+def _view(read: ReadAsset, budget: Budget) -> tuple[dict[str, Any] | None, str]:
+    """Return what the 3D view takes, but for the pictures that the page shows anyway; or None, and why."""
+    if read.mesh is None:
+        return None, ""
+    if not budget.triangles:
+        return None, "Still pictures: a page of so many assets has no 3D views."
+    geometry = view_geometry(read.mesh.mesh, budget.triangles, budget.texture // 2)
+    if geometry is None:
+        return None, "Still pictures: the mesh is of too many small pieces to be simplified for a 3D view."
+    note = "Drag to turn, or use the arrow keys; + and - zoom, 0 resets."
+    if len(geometry.triangles) < geometry.total_triangles:
+        note += f" Simplified: {len(geometry.triangles):,} of {geometry.total_triangles:,} triangles."
+    textures = [web_picture(texture, "", max(texture.shape)).source for texture in geometry.base_textures]
+    view = {
+        "geometry": geometry.as_json(),
+        "textures": {"base": textures},
+        "spheres": None if read.spheres is None else geometry.pack_spheres(*read.spheres),
+        "up": "z" if read.mesh.up == "z" else "y",
+        "label": f"{_printable(read.files.name)}, 3D view",
+        "note": note,
+    }
+    return view, ""
 
 
 def _figures(read: ReadAsset, histogram: Histogram | None) -> list[Figure]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import face_components
@@ -15,6 +16,7 @@ from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, P
 
 SATURATION_ERROR = 0.1  # the error at which colours saturate
 BACKGROUND = (48, 48, 48)
+HEAT_MAP_PADDING = 6  # texels by which a picture of it continues its colours
 HEAT_MAP_MIN_SIZE, HEAT_MAP_MAX_SIZE = 512, 2048  # texels on the longer side
 TILE_MIN_SIZE, TILE_MAX_SIZE = 256, 1024  # pixels on the longer side of a tile
 SCALE_STEPS = 256  # colours of a scale
@@ -220,6 +222,15 @@ def _darken(
 
 
 def heat_map_picture(pixels: Float32Array) -> Picture:
-    """Return a heat map, (h, w, channels) in [0, 1] as read from its file, as (h, w, 3) uint8 sRGB."""
+    """Return a heat map, (h, w, channels) in [0, 1] as read from its file, as (h, w, 3) uint8 sRGB.
+
+    Its colours are continued around charts, so that a viewer that interpolates reads no background.
+    """
     colors = grey_picture(pixels[:, :, :3])
-    return colors if colors.shape[2] == 3 else colors[:, :, :1].repeat(3, axis=2)
+    if colors.shape[2] != 3:
+        colors = colors[:, :, :1].repeat(3, axis=2)
+    empty = (colors == BACKGROUND).all(axis=2)
+    if empty.all() or not empty.any():
+        return colors
+    distance, nearest = distance_transform_edt(empty, return_indices=True)
+    return np.where((distance <= HEAT_MAP_PADDING)[:, :, None], colors[tuple(nearest)], colors)

@@ -9,7 +9,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -243,8 +243,8 @@ def render_page(assets: Sequence[AssetPage], title: str, *, before: str = "", vi
     hashes. Equal arguments give equal texts.
     """
     ordered = sorted(assets, key=lambda asset: asset.rank)
-    if not viewer:
-        ordered = [replace(asset, view=None) for asset in ordered]
+    if not any(asset.view for asset in ordered):
+        viewer = ""
     style, script = _own("report.css"), _own("report.js")
     scripts = [script, *([_harmless(viewer)] if viewer else [])]
     policy = (

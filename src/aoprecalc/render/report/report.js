@@ -148,7 +148,7 @@
       for (const still of all("img[data-still]", holder)) still.hidden = true;
       for (const button of all("button[data-mode]", holder)) button.hidden = !mine.view.modes.includes(button.dataset.mode);
       press(holder, mine.view.modes[0]);
-      note.textContent = "Drag to turn, or use the arrow keys; + and - zoom, 0 resets.";
+      note.textContent = asset.note;
     }, fail);
   }
 
