@@ -3,6 +3,7 @@
 # make test-all    run every test; make test-slow: those that make test leaves out
 # make lint    ruff, mypy and codespell
 # make docs    build the documentation site, docs/_build/html; make docs-serve: show it at http://localhost:8000
+# make docs-pictures    make the pictures of the documentation again
 # make dist    build the wheel and the source archive in dist/, and check them
 # make bench   measure speed and memory
 # All of them need `make setup` only once; it comes by itself.
@@ -13,7 +14,7 @@ SETUP := .venv/.setup
 BROWSER := .venv/.browser
 PYTEST = $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
-.PHONY: setup demo test test-slow test-all lint docs docs-serve docs-linkcheck dist bench clean
+.PHONY: setup demo test test-slow test-all lint docs docs-serve docs-pictures docs-linkcheck dist bench clean
 
 setup: $(SETUP)
 
@@ -33,14 +34,13 @@ $(BROWSER): $(SETUP) scripts/setup-browser
 demo: $(SETUP)
 	$(BIN)/python examples/make_meshes.py demo
 	cd demo && ../$(BIN)/aoprecalc bake colonnade.obj --crease-angle 40
-	cd demo && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300 --method shadow -o colonnade_shadow.json
-	cd demo && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300 --method lloyd -o colonnade_lloyd.json
-	cd demo && ../$(BIN)/python ../examples/render.py colonnade_ao.obj colonnade_ao.png \
-		colonnade_shadow.json colonnade_lloyd.json --size 1200 640 -o colonnade_picture.png
+	cd demo && ../$(BIN)/aoprecalc spheres colonnade.obj -n 300 --method shadow
+	cd demo && ../$(BIN)/aoprecalc preview colonnade_ao.obj --spheres colonnade_spheres.json --ground \
+		--size 1600x720 -o colonnade_preview.png
 	@echo
 	@echo "Pictures to look at:"
 	@echo "  demo/colonnade_ao.png        the ambient-occlusion texture"
-	@echo "  demo/colonnade_picture.png   the mesh lit with it, its shadow cast by 300 spheres of --method shadow and of lloyd"
+	@echo "  demo/colonnade_preview.png   the mesh with it: with its own shadow, and with that of 300 spheres"
 
 test: $(SETUP)
 	$(PYTEST) -m "not slow"
@@ -66,6 +66,9 @@ docs: $(SETUP)
 
 docs-serve: docs
 	$(BIN)/python -m http.server --bind localhost --directory docs/_build/html 8000
+
+docs-pictures: $(SETUP)
+	$(BIN)/python docs/make_pictures.py
 
 docs-linkcheck: docs
 	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/linkcheck

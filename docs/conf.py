@@ -25,7 +25,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["_build", "extensions", "pictures", "shaders"]
+exclude_patterns = ["_build", "extensions", "pictures"]
 nitpicky = True
 smartquotes = False  # leaves --size as it is
 

@@ -1,21 +1,18 @@
 """The meshes of the documentation's pictures."""
 
-from pathlib import Path
-
 import numpy as np
 import trimesh
 
-from aoprecalc.types import Part, Scene
+import aoprecalc as ao
 
 # leaning_wall: the outlines of a floor and of a wall that leans over it, in texels; they share their first two corners.
 SIZE = (96, 72)
 FLOOR = [(12, 42), (54, 18), (64, 30), (62, 41), (56, 50), (47, 56), (35, 59), (20, 57)]
 WALL = [(74, 61), (78, 12), (86, 25), (85, 48)]
 LEAN = np.radians(60)  # angle between floor and wall
-HALF_BOX = (0.65, 0.65, 0.5)  # of in_a_box
 
 
-def leaning_wall() -> Scene:
+def leaning_wall() -> ao.Mesh:
     """Make the mesh of borders.png, whose faces have the size of their charts."""
     floor, wall = (np.array(outline) @ (1, 1j) for outline in (FLOOR, WALL))  # x + iy
     crease, base = ((side[1] - side[0]) / abs(side[1] - side[0]) for side in (floor, wall))
@@ -23,27 +20,27 @@ def leaning_wall() -> Scene:
     ground = np.append(floor, floor[0] + crease * (raised.real + 1j * np.cos(LEAN) * raised.imag))
     ground[len(floor) + 1] = floor[1]
     height = np.append(np.zeros(len(floor)), np.sin(LEAN) * raised.imag)
-    floor_faces = [(0, i, i + 1) for i in range(1, len(floor) - 1)]
-    wall_faces = [(len(floor), len(floor) + i + 1, len(floor) + i) for i in range(1, len(wall) - 1)]
-    mesh = trimesh.Trimesh(np.column_stack([ground.real, ground.imag, height]), floor_faces + wall_faces, process=False)
-    return as_scene([mesh], np.array(FLOOR + WALL)[mesh.faces] / SIZE * (1, -1) + (0, 1))
+    faces = [(0, i, i + 1) for i in range(1, len(floor) - 1)]
+    faces += [(len(floor), len(floor) + i + 1, len(floor) + i) for i in range(1, len(wall) - 1)]
+    uvs = np.array(FLOOR + WALL) / SIZE * (1, -1) + (0, 1)
+    return ao.Mesh(np.column_stack([ground.real, ground.imag, height]), faces, uvs=uvs)
 
 
-def in_a_box() -> Scene:
-    """Make a box, which is drawn cut open, with one ball halfway through its top and another inside."""
+def in_a_box() -> trimesh.Trimesh:
+    """Make a box with one ball halfway through its top and another inside; the first 12 faces are the box."""
     sunk = trimesh.creation.icosphere(4, 0.34).apply_translation((0, 0, 0.5))
     within = trimesh.creation.icosphere(4, 0.22).apply_translation((0, 0, -0.2))
-    return as_scene([trimesh.creation.box(2 * np.array(HALF_BOX)), sunk, within])
+    return trimesh.util.concatenate([trimesh.creation.box((1.3, 1.3, 1.0)), sunk, within])
 
 
-def inside_out() -> Scene:
+def inside_out() -> trimesh.Trimesh:
     """Make a torus whose faces point inwards."""
     ring = trimesh.creation.torus(0.60, 0.30, major_sections=128, minor_sections=64)
     ring.invert()
-    return as_scene([ring])
+    return ring
 
 
-def cup() -> Scene:
+def cup() -> trimesh.Trimesh:
     """Make a single-layer cup, whose faces point inwards, on a plate."""
     angles = np.linspace(-np.pi / 2, 0, 17)
     layer = trimesh.creation.revolve(
@@ -51,10 +48,10 @@ def cup() -> Scene:
     )
     layer.invert()
     plate = trimesh.creation.cylinder(0.92, segment=[(0, 0, -0.62), (0, 0, -0.52)], sections=128)
-    return as_scene([plate, layer])
+    return trimesh.util.concatenate([plate, layer])
 
 
-def plant() -> Scene:
+def plant() -> trimesh.Trimesh:
     """Make single-layer leaves over a plate; the faces of every second leaf point down."""
     along, across = np.meshgrid(np.linspace(0, 1, 33), np.linspace(-1, 1, 9), indexing="ij")
     side = (0.19 * np.sin(np.pi * along**1.3) + 0.02) * across
@@ -66,10 +63,10 @@ def plant() -> Scene:
     leaves = [trimesh.Trimesh(vertices, faces if number % 2 else faces[:, ::-1]) for number in range(6)]
     for number, leaf in enumerate(leaves):
         leaf.apply_transform(trimesh.transformations.rotation_matrix(number * np.pi / 3 + 0.3, (0, 0, 1)))
-    return as_scene([plate, *leaves])
+    return trimesh.util.concatenate([plate, *leaves])
 
 
-def octopus() -> Scene:
+def octopus() -> trimesh.Trimesh:
     """Make a head on eight tapered arms, y up: one mesh of spheres.png."""
     head = trimesh.creation.icosphere(4, 0.42)
     head.apply_transform(np.diag([0.9, 1.25, 0.9, 1.0]))
@@ -81,15 +78,15 @@ def octopus() -> Scene:
         height = 0.42 * (1 - along) ** 2 + 0.07 + 0.16 * np.sin(3.1 * along + arm) * along
         path = np.column_stack([reach * np.cos(turn), height, reach * np.sin(turn)])
         parts.append(tube(path, 0.15 * (1 - along) ** 0.8 + 0.02))
-    return as_scene(parts)
+    return trimesh.util.concatenate(parts)
 
 
-def chair() -> Scene:
+def chair() -> trimesh.Trimesh:
     """Make a chair of thin bars, y up: the other mesh of spheres.png."""
     bars = [((x - 0.03, 0.0, z - 0.03), (x + 0.03, 0.5, z + 0.03)) for x in (-0.24, 0.24) for z in (-0.24, 0.24)]
     bars += [((-0.30, 0.50, -0.30), (0.30, 0.54, 0.30)), ((-0.30, 1.05, -0.28), (0.30, 1.14, -0.24))]
     bars += [((x - 0.025, 0.54, -0.28), (x + 0.025, 1.05, -0.24)) for x in (-0.26, -0.13, 0.0, 0.13, 0.26)]
-    return as_scene([trimesh.creation.box(bounds=bar) for bar in bars], flat=True)
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=bar) for bar in bars])
 
 
 def tube(path: np.ndarray, radii: np.ndarray, sections: int = 24) -> trimesh.Trimesh:
@@ -115,19 +112,3 @@ def tube(path: np.ndarray, radii: np.ndarray, sections: int = 24) -> trimesh.Tri
     if mesh.volume < 0:
         mesh.invert()
     return mesh
-
-
-def as_scene(meshes: list[trimesh.Trimesh], uvs: np.ndarray | None = None, *, flat: bool = False) -> Scene:
-    """Make a Scene of meshes and optional UVs at their corners, (f, 3, 2); with normals of its own if it is `flat`."""
-    mesh = trimesh.util.concatenate(meshes)
-    positions, ids = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
-    faces = ids.ravel()[mesh.faces].astype(np.int32)
-    return Scene(
-        Path("made.obj"),
-        "obj",
-        positions,
-        faces,
-        np.repeat(mesh.face_normals[:, None], 3, axis=1).astype(np.float32) if flat else None,
-        () if uvs is None else (uvs,),
-        (Part("made", 0, len(faces), faces),),
-    )
