@@ -18,11 +18,11 @@ import trimesh
 from PIL import Image, ImageDraw
 
 import aoprecalc as ao
-from aoprecalc.render import contact_sheet
+from aoprecalc.render.contact_sheet import contact_sheet
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
-DIRECTIONS, SAMPLES = 1000, 100_000  # of every bake and every fit
+DIRECTIONS, SAMPLES = 256, 20_000  # of every bake and every fit
 CELL = (340, 340)  # pixels of one view among several
 OUTLINE, READ_COLOR, PADDING_COLOR = (222, 40, 60), (240, 130, 40), (70, 130, 230)
 TOWARDS_CAMERA = np.array([0.41, -0.91, 0.0])  # of a mesh whose z axis points up, on the ground
@@ -48,7 +48,7 @@ def fitted(mesh: trimesh.Trimesh | Path, count: int, **options: object) -> ao.Sp
 
 def with_spheres(result: ao.BakeResult, spheres: ao.SphereResult, size: tuple[int, int], **options: object) -> Picture:
     """Draw a result beside, or under, its spheres."""
-    return ao.preview(result, ao.PreviewOptions(size=size, **options), spheres=spheres).image
+    return ao.preview(result.mesh, ao.PreviewOptions(size=size, **options), spheres=spheres).image
 
 
 def right_half(picture: Picture) -> Picture:
@@ -71,7 +71,7 @@ def before_after(_: Path) -> Picture:
 
     mesh = colonnade()
     result, spheres = baked(mesh, crease_angle=40), fitted(mesh, 300, method="shadow")
-    after = with_spheres(result, spheres, (1240, 440), ground=True)
+    after = with_spheres(result, spheres, (1240, 440), ground=True, spheres_view="over")
     before = drawn(result, (620, 440), shading="clay")
     cells = [(before, "before"), (right_half(after), "ambient occlusion, and the shadow of 300 spheres")]
     return contact_sheet(cells, 2)
@@ -94,9 +94,9 @@ def preview_ground(folder: Path) -> Picture:
 
 
 def preview_views(folder: Path) -> Picture:
-    """Four views of the statue."""
-    options = ao.PreviewOptions(size=(300, 360), views=4)
-    return ao.preview(baked(folder / "statue.obj"), options).image
+    """Four views of the car."""
+    options = ao.PreviewOptions(size=(400, 280), views=4)
+    return ao.preview(baked(folder / "car.glb", ground=True).mesh, options).image
 
 
 def first_bake(folder: Path) -> Picture:
@@ -143,7 +143,8 @@ def dark(_: Path) -> Picture:
     plain, ground = baked(rock, size=512), baked(rock, size=512, ground=True)
     values = plain.ao
     as_colour = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    cells = [(drawn(plain), "read as data"), (drawn(plain, texture=as_colour), "read as sRGB")]
+    wrong = ao.preview(plain.mesh, ao.PreviewOptions(size=CELL), texture=as_colour).image
+    cells = [(drawn(plain), "read as data"), (wrong, "read as sRGB")]
     return contact_sheet([*cells, (drawn(ground), "--ground, read as data")], 3)
 
 
@@ -246,7 +247,7 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as folder:
                 sample_meshes.write(Path(folder))
                 picture = Image.fromarray(make(Path(folder)))
-            picture.quantize(255, dither=Image.Dither.NONE).save(HERE / f"pictures/{name}.png", optimize=True)
+            picture.save(HERE / f"pictures/{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
