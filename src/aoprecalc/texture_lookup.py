@@ -1,6 +1,6 @@
 """Texture look-ups as renderers do them: wrap modes, bilinear filtering, mip levels, bounds of alpha in rectangles."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, TypeVar
 
@@ -52,6 +52,34 @@ def bilinear(image: Float32Array, uvs: Float64Array, *, repeats: bool) -> Float6
     lower = image[below, left] * (1 - across) + image[below, right] * across
     values: Float64Array = upper * (1 - down) + lower * down
     return values
+
+
+_MAX_JOINED = 1 << 25  # texels
+
+
+def join_textures(
+    textures: Sequence[Float32Array], owners: Int64Array, uvs: Float64Array
+) -> tuple[Float32Array, Float64Array]:
+    """Lay textures below each other in one, and move the UVs of their faces there.
+
+    textures   each (h, w); all are halved until they have at most 2^25 texels together
+    owners     (f,) index of the texture of each face, -1 for none
+    uvs        (f, 3, 2) float64, v upwards; a face that spans several repeats of its texture is clamped to one
+    """
+    while sum(texture.size for texture in textures) > _MAX_JOINED:
+        textures = [mip_chain(texture, 2)[-1] for texture in textures]
+    heights, width = [len(texture) for texture in textures], max(texture.shape[1] for texture in textures)
+    joined = np.concatenate(
+        [np.pad(texture, ((0, 0), (0, width - texture.shape[1])), mode="edge") for texture in textures]
+    )
+    low = uvs.min(axis=1, keepdims=True)
+    within = (uvs - np.floor(low)).clip(0, 1)
+    moved = np.zeros_like(uvs)
+    for index, (texture, top) in enumerate(zip(textures, np.cumsum([0, *heights]), strict=False)):
+        own, (height, columns) = owners == index, texture.shape
+        moved[own, :, 0] = within[own, :, 0] * columns / width
+        moved[own, :, 1] = 1 - (top + (1 - within[own, :, 1]) * height) / len(joined)
+    return joined, moved
 
 
 def mip_chain(image: Float32Array, levels: int) -> list[Float32Array]:

@@ -9,6 +9,7 @@ from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.io import write_colors, write_image
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Note
+from shapes import torus
 
 QUICK = {"size": 32, "directions": 64, "backend": "ray", "threads": 1}
 TENT = """v 0 0 0
@@ -113,3 +114,34 @@ def test_wrong_textures_and_meshes_are_one_line(tent, tmp_path):
         with pytest.raises(kind, match=words) as error:
             textured_mesh(mesh, texture)
         assert "\n" not in str(error.value)
+
+
+def ring_with_seams():
+    """A torus whose faces are scattered over the texture: all its edges are seams."""
+    positions, faces = torus(around=24, across=12)
+    side = int(np.ceil(np.sqrt(len(faces))))
+    corner = np.stack(np.divmod(np.random.default_rng(0).permutation(side**2)[: len(faces)], side), 1) / side
+    uvs = corner[:, None] + np.array([[0.1, 0.1], [0.9, 0.1], [0.1, 0.9]]) / side
+    return ao.Mesh(positions, faces, uvs=uvs, name="ring"), side
+
+
+def picture_of(mesh, side, values, upside_down=False):
+    """A texture of the values at the middles of faces; their texels lie in a grid."""
+    picture = np.zeros((side, side), np.float32)
+    cells = np.floor(mesh.uvs[:, 0] * side).astype(int)
+    picture[side - 1 - cells[:, 1], cells[:, 0]] = values
+    picture = picture.repeat(8, axis=0).repeat(8, axis=1)
+    return picture[::-1] if upside_down else picture
+
+
+def test_a_texture_of_another_mesh_is_refused():
+    mesh, side = ring_with_seams()
+    height = (mesh.vertices[mesh.faces].mean(axis=1)[:, 2] / 0.8 + 0.5).clip(0, 1)
+    assert textured_mesh(mesh, picture_of(mesh, side, height)).ao is not None
+    shuffled = np.random.default_rng(1).permutation(height)
+    with pytest.raises(InputError, match=r"does not belong to ring: .* pass the texture of this mesh"):
+        textured_mesh(mesh, picture_of(mesh, side, shuffled))
+    with pytest.raises(InputError, match="it fits upside down: flip it"):
+        textured_mesh(mesh, picture_of(mesh, side, height, upside_down=True))
+    grey = np.full_like(height, 0.5) + np.random.default_rng(1).random(len(height)) * 0.01
+    assert textured_mesh(mesh, picture_of(mesh, side, grey)).ao is not None  # nothing can be told

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from aoprecalc.api.textured_surface import TexturedSurface
+from aoprecalc.api.textured_surface import TexturedSurface, mesh_to_draw, textured_mesh
 from aoprecalc.errors import InputError
 from aoprecalc.io import find_occlusion, load_scene, read_image, source_files, write_image
 from aoprecalc.io.images import decode_pixels
@@ -208,3 +208,45 @@ def test_alpha_does_not_darken_what_is_read(tmp_path):
     pixels[..., 3] = 10
     Image.fromarray(pixels).save(tmp_path / "a.png")
     assert read_image(tmp_path / "a.png") == pytest.approx(200 / 255, abs=1e-6)
+
+
+# As pictures show it.
+
+
+def two_materials(maker, primitive, pictures):
+    """A cube of two primitives whose materials have occlusion textures of their own."""
+    primitives = []
+    for picture in pictures:
+        texture = {"index": maker.texture(np.round(255 * picture))}
+        material = maker.add("materials", {"occlusionTexture": texture})
+        primitives.append(primitive | {"material": material})
+    maker.node(mesh=maker.mesh(*primitives))
+    return maker.save()
+
+
+@pytest.mark.parametrize("kind", ["alike", "different"])
+def test_textures_of_several_materials_are_joined(gltf_cube, kind):
+    """As a packed bake writes them: alike in occlusion; or as other programs do: different, and of any size."""
+    first = np.random.default_rng(0).random((4, 8)).round(2)
+    second = first if kind == "alike" else np.random.default_rng(1).random((6, 3)).round(2)
+    maker, primitive = gltf_cube
+    mesh = textured_mesh(two_materials(maker, primitive, [np.stack([it, it, it * 0], -1) for it in (first, second)]))
+    assert mesh.textured.all()
+    assert mesh.ao.shape == (first.shape if kind == "alike" else (10, 8))
+    own, rng = mesh.scene.uvs, np.random.default_rng(2)
+    weights = rng.dirichlet([1, 1, 1], len(own))
+    for part, picture in zip(mesh.scene.parts, (first, second), strict=True):
+        uvs, moved = (np.einsum("fc,fcx->fx", weights[part.faces], of[part.faces]) for of in (own, mesh.uvs))
+        height, width = picture.shape
+        inner = (np.abs(uvs * (width, height) % 1 - 0.5) < 0.49).all(axis=1)  # not on the border of a texel
+        rows, columns = ((1 - uvs[:, 1]) * height).astype(int), (uvs[:, 0] * width).astype(int)
+        texel = mesh.ao[((1 - moved[:, 1]) * len(mesh.ao)).astype(int), (moved[:, 0] * mesh.ao.shape[1]).astype(int)]
+        assert np.abs(texel - picture[rows, columns])[inner].max() < 1 / 255
+
+
+def test_it_is_told_on_which_uv_set_a_given_texture_is(gltf_cube):
+    maker, primitive = gltf_cube
+    primitive["attributes"]["TEXCOORD_1"] = maker.accessor(np.random.default_rng(0).random((24, 2)).astype("<f4"))
+    maker.node(mesh=maker.mesh(primitive))
+    found = mesh_to_draw(maker.save(), np.ones((2, 2)))
+    assert found.messages == ("texture: is drawn on UV set 0 of 2 (from 0)",)

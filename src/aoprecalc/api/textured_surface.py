@@ -4,6 +4,7 @@
 """
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -17,16 +18,21 @@ from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageErr
 from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, source_files, texture_values
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.images import read_pixels
-from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, mesh_beside
+from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, every_occlusion, mesh_beside
 from aoprecalc.mesh.roles import assign_roles, names_a_part, up_axis
 from aoprecalc.mesh.surface import face_normals, shading_normals
+from aoprecalc.metrics.errors import seam_difference
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, tell
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
-from aoprecalc.types import Atlas, Baked, BoolArray, Float64Array, Scene, TexturedMesh
+from aoprecalc.texture_lookup import join_textures
+from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Float64Array, Scene, TexturedMesh
 
+# A given texture is refused beyond this share of random differences across seams. Measured: 0.07 to 0.65 with the right
+# textures, 0.75 to 1.2 with those of other meshes; with few seams, or hardly any contrast, nothing can be told.
+_MAX_SEAM_RATIO, _MIN_SEAMS, _MIN_CONTRAST = 0.85, 100, 0.05
 _GREY = 0.01  # mean difference of the channels of a picture up to which it may be ambient occlusion
 
 
@@ -232,6 +238,8 @@ def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> Me
             raise
         return _without_texture(mesh)
     picture = surface.picture
+    if texture is not None:
+        _check_that_it_belongs(surface, mesh)
     shown = TexturedMesh(
         scene=surface.scene,
         normals=_normals(surface.scene, surface.options),
@@ -239,7 +247,8 @@ def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> Me
         ao=picture.values,
         textured=surface.atlas.mapped,
     )
-    messages = (*scene.notes, *scene.warnings, *surface.warnings)
+    about_texture = (*map(Note, surface.warnings), *_note_on_uv_set(surface, texture))
+    messages = (*scene.notes, *scene.warnings, *about_texture)
     up = up_axis(scene, surface.options)
     return MeshToDraw(shown, mesh.name, picture.name, picture.path, up, _files(scene, picture.path), messages)
 
@@ -265,13 +274,81 @@ def _mesh_of(picture: Path) -> Path:
 
 def _own_or_given(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -> OcclusionTexture:
     """Return the texture to show; raises NoOcclusionError where none is given and the mesh has none."""
-    if texture is None and mesh.ao is None and not mesh._scene.format:
+    if texture is not None:
+        return find_texture(mesh, texture, VerifyOptions())
+    if mesh.ao is None and not mesh._scene.format:
         raise NoOcclusionError(f"{mesh.name}: has no ambient occlusion; bake it")
-    picture = find_texture(mesh, texture, VerifyOptions())
-    stated = mesh._scene.format in ("gltf", "glb") or picture.options is not None
-    if texture is None and picture.path is not None and not stated and not _is_grey(picture.path):
-        raise NoOcclusionError(f"{picture.path}: has colours, so it is no ambient occlusion; bake {mesh.name}")
+    picture = find_texture(mesh, None, VerifyOptions())
+    if picture.others:
+        return _joined([each for each in every_occlusion(mesh._scene) if _may_be_occlusion(mesh, each)], picture)
+    if not _may_be_occlusion(mesh, picture):
+        raise NoOcclusionError(f"{picture.name}: has colours, so it is no ambient occlusion; bake {mesh.name}")
     return picture
+
+
+def _joined(pictures: Sequence[OcclusionTexture], main: OcclusionTexture) -> OcclusionTexture:
+    """Return the textures of several materials as one; `main` is that of most of them."""
+    if not pictures:
+        raise NoOcclusionError(f"{main.name}: has colours, so it is no ambient occlusion")
+    different = list[Float32Array]()  # several materials may have the same in pictures of their own
+    owners = np.full(len(main.uvs), -1)
+    for picture in pictures:
+        same = (number for number, values in enumerate(different) if np.array_equal(values, picture.values))
+        if (number := next(same, len(different))) == len(different):
+            different.append(picture.values)
+        owners[picture.shown] = number
+    shown = owners >= 0
+    warnings = tuple(dict.fromkeys(line for picture in pictures for line in picture.warnings))
+    others = tuple(name for name in main.others if name not in {picture.name for picture in pictures})
+    found = replace(main, shown=shown, warnings=warnings, others=others)
+    if len(different) == 1:
+        return replace(found, values=different[0])
+    joined, uvs = join_textures(different, owners, np.nan_to_num(main.uvs))
+    name = f"{main.name} and {counted(len(different) - 1, 'other')}"
+    return replace(found, name=name, values=joined, uvs=np.where(np.isfinite(main.uvs), uvs, np.nan))
+
+
+def _may_be_occlusion(mesh: Mesh, picture: OcclusionTexture) -> bool:
+    """Tell whether a texture of the mesh's own is ambient occlusion: glTF and bakes say so, others may have colours."""
+    stated = mesh._scene.format in ("gltf", "glb") or picture.options is not None
+    return stated or picture.path is None or _is_grey(picture.path)
+
+
+def _note_on_uv_set(surface: TexturedSurface, texture: object) -> tuple[Note, ...]:
+    """Note which of several UV sets a texture that was given is drawn on."""
+    sets, uvs = surface.scene.uv_sets, np.nan_to_num(surface.picture.uvs)
+    if texture is None or len(sets) < 2:
+        return ()
+    same = [number for number, found in enumerate(sets) if np.allclose(found, uvs, atol=1e-6)]
+    which = f"UV set {same[0]} of {len(sets)} (from 0)" if same else "the UVs of the occlusion texture"
+    return (Note(f"{surface.picture.name}: is drawn on {which}"),)
+
+
+def _check_that_it_belongs(surface: TexturedSurface, mesh: Mesh) -> None:
+    """Raise InputError where a texture that was given is certainly not that of the mesh.
+
+    Both sides of a UV seam are one place, so that they have like values in the right texture; in the textures of other
+    meshes, and in one upside down, they differ as much as any two places.
+    """
+    picture = surface.picture
+    found = _seam_ratio(surface, picture.values)
+    if found is None or found <= _MAX_SEAM_RATIO:
+        return
+    turned = _seam_ratio(surface, picture.values[::-1])
+    upside_down = turned is not None and turned < _MAX_SEAM_RATIO - 0.2
+    advice = "it fits upside down: flip it" if upside_down else "pass the texture of this mesh"
+    raise InputError(
+        f"{picture.name}: does not belong to {mesh._scene.path}: on the two sides of UV seams, which are one place, it "
+        f"differs as two random places do; {advice}"
+    )
+
+
+def _seam_ratio(surface: TexturedSurface, values: Float32Array) -> float | None:
+    """Return the difference across seams over that of random places; None where there is too little to tell."""
+    found = seam_difference(surface.scene, values, surface.picture.uvs, surface.atlas.mapped)
+    if found is None or found.seams < _MIN_SEAMS or found.random < _MIN_CONTRAST:
+        return None
+    return found.across / found.random
 
 
 def _is_grey(picture: Path) -> bool:

@@ -7,12 +7,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.formats.arrays import ArraysFormat
-from aoprecalc.io.formats.base import ColorImages, ImageSource, MeshFormat, MeshWithAo, WrittenMesh, same_file
+from aoprecalc.io.formats.base import (
+    ColorImages,
+    ImageSource,
+    MeshFormat,
+    MeshWithAo,
+    PartOcclusion,
+    WrittenMesh,
+    same_file,
+)
 from aoprecalc.io.formats.geometry_formats import ColladaFormat, OffFormat, StlFormat, ThreeMfFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
@@ -287,38 +296,67 @@ def find_occlusion(
 
     Raises NoOcclusionError where there are no UVs or no texture is found, InputError where it cannot be read.
     """
-    parts = [_scene_format(scene).occlusion_of(scene, part) for part in scene.parts]
-    if all(part.uvs is None for part in parts):
-        advice = baked_copy(scene.path) or "bake it, or export it with UVs"
-        raise NoOcclusionError(f"{scene.path}: has no UVs, which a texture needs; {advice}")
-    sizes = [part.stop - part.start for part in scene.parts]
-    uvs = np.concatenate(
-        [np.full((n, 3, 2), np.nan) if part.uvs is None else part.uvs for n, part in zip(sizes, parts, strict=True)]
-    )
+    stated = _Stated.of(scene)
     if isinstance(texture, np.ndarray):
-        return OcclusionTexture("texture", None, texture, uvs, np.ones(len(uvs), bool), ())
-    images = list(dict.fromkeys(part.image for part in parts if part.image is not None))
+        return OcclusionTexture("texture", None, texture, stated.uvs, np.ones(len(stated.uvs), bool), ())
+    if texture is None and len(stated.images) > 1:
+        chosen = min(stated.images, key=lambda image: misfit(stated.shown_by(image), stated.options_of(image)[0]))
+    else:
+        chosen = _choose(scene.path, stated.images, texture)
+    return stated.read(chosen)
 
-    def shown_by(image: ImageSource) -> BoolArray:
-        return np.repeat([image not in images or part.image == image for part in parts], sizes)
 
-    def options_of(image: ImageSource) -> tuple[ValueOptions | None, tuple[str, ...]]:
-        extras = (part.extras for part in parts if part.image == image and part.extras is not None)
+def every_occlusion(scene: Scene) -> tuple[OcclusionTexture, ...]:
+    """Return each occlusion texture that a scene refers to, on its faces; raises as `find_occlusion` does."""
+    stated = _Stated.of(scene)
+    return tuple(stated.read(image) for image in stated.images)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stated:
+    """What the file of a scene states: the occlusion of each part, and the sizes of the parts.
+
+    uvs      (f, 3, 2) float64, NaN where a face has none
+    images   the different ones
+    """
+
+    parts: Sequence[PartOcclusion]
+    sizes: Sequence[int]
+    uvs: Float64Array
+    images: Sequence[ImageSource]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Self:
+        """Read it; raises NoOcclusionError where there are no UVs."""
+        parts = [_scene_format(scene).occlusion_of(scene, part) for part in scene.parts]
+        if all(part.uvs is None for part in parts):
+            advice = baked_copy(scene.path) or "bake it, or export it with UVs"
+            raise NoOcclusionError(f"{scene.path}: has no UVs, which a texture needs; {advice}")
+        sizes = [part.stop - part.start for part in scene.parts]
+        uvs = [
+            np.full((n, 3, 2), np.nan) if part.uvs is None else part.uvs for n, part in zip(sizes, parts, strict=True)
+        ]
+        images = dict.fromkeys(part.image for part in parts if part.image is not None)
+        return cls(parts, sizes, np.concatenate(uvs), list(images))
+
+    def shown_by(self, image: ImageSource) -> BoolArray:
+        """Return the faces that show an image, (f,) bool: all, where no part refers to it."""
+        return np.repeat([image not in self.images or part.image == image for part in self.parts], self.sizes)
+
+    def options_of(self, image: ImageSource) -> tuple[ValueOptions | None, tuple[str, ...]]:
+        """Return the options with which an image was baked, and warnings."""
+        extras = (part.extras for part in self.parts if part.image == image and part.extras is not None)
         return baked_options(image, next(extras, None))
 
-    if texture is None and len(images) > 1:
-        chosen = min(images, key=lambda image: misfit(shown_by(image), options_of(image)[0]))
-    else:
-        chosen = _choose(scene.path, images, texture)
-    shown = shown_by(chosen)
-
-    warnings = dict.fromkeys(part.note for part in parts if part.note and part.image == chosen)
-    values = chosen.first_channel()
-    if not np.isfinite(values).all():
-        raise InputError(f"{chosen.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
-    options, damage = options_of(chosen)
-    others = () if shown.all() else tuple(image.name for image in images if image != chosen)
-    return OcclusionTexture(chosen.name, chosen.path, values, uvs, shown, (*warnings, *damage), options, others)
+    def read(self, image: ImageSource) -> OcclusionTexture:
+        """Read an image; raises InputError where it cannot be used."""
+        warnings = dict.fromkeys(part.note for part in self.parts if part.note and part.image == image)
+        values, shown = image.first_channel(), self.shown_by(image)
+        if not np.isfinite(values).all():
+            raise InputError(f"{image.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
+        options, damage = self.options_of(image)
+        others = () if shown.all() else tuple(other.name for other in self.images if other != image)
+        return OcclusionTexture(image.name, image.path, values, self.uvs, shown, (*warnings, *damage), options, others)
 
 
 def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptions | None, tuple[str, ...]]:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
+from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.options import Estimator, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear, mip_chain
-from aoprecalc.types import Float32Array, Float64Array, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
 from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster
 
@@ -124,6 +125,54 @@ def worst_points(
         points.append(WorstPoint((x, y, z), (u, v), float(values[worst]), float(reference[worst])))
         remaining[np.linalg.norm(positions - positions[worst], axis=1) <= _MIN_SEPARATION * diagonal] = 0
     return tuple(points)
+
+
+# Without a reference: what a texture says of both sides of a seam.
+
+_SEAM_SAMPLES = 4000
+_MIN_SEAM = 1e-6  # distance of UVs from which an edge is a seam
+
+
+@dataclass(frozen=True)
+class SeamDifference:
+    """How a texture differs across UV seams, where both sides are one place of the surface.
+
+    seams     edges whose two faces have different UVs
+    across    mean absolute difference of both sides
+    random    that of two places of seams taken at random
+    """
+
+    seams: int
+    across: float
+    random: float
+
+
+def seam_difference(scene: Scene, texture: Float32Array, uvs: Float64Array, mapped: BoolArray) -> SeamDifference | None:
+    """Compare a texture, (h, w), on both sides of the seams of (f, 3, 2) UVs; None where there are no seams.
+
+    mapped   (f,) bool: the faces with UVs
+    """
+    ids = edge_ids(scene.faces)[mapped].ravel()
+    ends = np.stack([scene.faces, np.roll(scene.faces, -1, axis=1)], axis=2)[mapped].reshape(-1, 2)
+    at_ends = np.stack([uvs, np.roll(uvs, -1, axis=1)], axis=2)[mapped].reshape(-1, 2, 2)
+    turned = ends[:, 0] > ends[:, 1]
+    at_ends[turned] = at_ends[turned, ::-1]
+    order = np.argsort(ids, kind="stable")
+    first, second = order[:-1], order[1:]
+    split = (ids[first] == ids[second]) & (np.abs(at_ends[first] - at_ends[second]).max(axis=(1, 2)) > _MIN_SEAM)
+    first, second = first[split], second[split]
+    lengths = np.linalg.norm(np.diff(scene.positions[ends[first]], axis=1)[:, 0], axis=1)
+    if not lengths.sum() > 0:
+        return None
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(first), _SEAM_SAMPLES, p=lengths / lengths.sum())
+    along = rng.random((_SEAM_SAMPLES, 1))
+    here, there = (
+        bilinear(texture, at_ends[side[chosen], 0] * (1 - along) + at_ends[side[chosen], 1] * along, repeats=True)
+        for side in (first, second)
+    )
+    across, random = (float(np.abs(here - other).mean()) for other in (there, rng.permutation(there)))
+    return SeamDifference(len(first), across, random)
 
 
 # The reference, by ray tracing.
