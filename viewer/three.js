@@ -2,12 +2,10 @@
 export {
   BufferAttribute,
   BufferGeometry,
-  CanvasTexture,
   Color,
   Group,
   IcosahedronGeometry,
   InstancedMesh,
-  LinearMipmapLinearFilter,
   Matrix4,
   Mesh,
   NoColorSpace,

@@ -112,7 +112,7 @@ def test_corners_share_a_vertex_unless_a_seam_parts_them():
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is missing")
 def test_the_script_of_the_page_reads_the_same_numbers():
     document = view_geometry(globe(24, 12), 300).as_json()
-    source = (VIEWER / "mesh_view.js").read_text(encoding="utf-8")
+    source = (VIEWER / "packed_mesh.js").read_text(encoding="utf-8")
     script = f"""
         const THREE = {{}};
         {source}
@@ -242,9 +242,14 @@ def test_one_triangle_and_a_mesh_without_extent_along_an_axis():
     )
 
 
-def test_the_script_has_three_js_and_the_view_or_is_missing(monkeypatch, tmp_path):
-    (tmp_path / "mesh_view.js").write_text("var AoView;")
+def test_the_script_has_three_js_first_or_is_missing(monkeypatch, tmp_path):
+    for name in module._SCRIPTS[1:]:
+        (tmp_path / name).write_text(f"// {name}")
     monkeypatch.setattr(module, "_FOLDER", tmp_path)
     assert viewer_script() is None
     (tmp_path / "three.min.js").write_text("var THREE;")
-    assert viewer_script() == "var THREE;\nvar AoView;"
+    assert viewer_script().splitlines() == ["var THREE;", *(f"// {name}" for name in module._SCRIPTS[1:])]
+
+
+def test_every_script_is_part_of_the_page():
+    assert {path.name for path in VIEWER.glob("*.js")} | {"three.min.js"} == set(module._SCRIPTS)

@@ -23,6 +23,7 @@ from aoprecalc.mesh.topology import corners_to_vertices, edge_ids
 from aoprecalc.types import BoolArray, Float64Array, Int32Array, TexturedMesh, UInt8Array
 
 _FOLDER = Path(__file__).parent / "viewer"
+_SCRIPTS = ("three.min.js", "packed_mesh.js", "surfaces.js", "mesh_view.js")  # in this order
 # Steps of quantised numbers: of the mesh's extent along each axis, of a repeat of the texture, of the two of a normal.
 _MAX_LEVELS, _POSITION_LEVELS, _UV_LEVELS, _NORMAL_LEVELS = 65535, 8192, 4096, 510
 _MAX_EXCESS = 3  # how many times more triangles than asked for a view may have
@@ -34,14 +35,13 @@ Attributes = dict[str, NDArray[Any]]  # by their names in glTF
 
 
 def viewer_script() -> str | None:
-    """Return the JavaScript of the 3D view, three.js and `viewer/mesh_view.js`; None where three.js was not built in.
+    """Return the JavaScript of the 3D view, three.js and `viewer/*.js`; None where three.js was not built in.
 
     `scripts/setup-viewer` makes the first of the two, in a checkout and for the wheel.
     """
-    bundle = _FOLDER / "three.min.js"
-    if not bundle.is_file():
+    if not (_FOLDER / _SCRIPTS[0]).is_file():
         return None
-    return "\n".join(path.read_text(encoding="utf-8") for path in (bundle, _FOLDER / "mesh_view.js"))
+    return "\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in _SCRIPTS)
 
 
 @dataclass(frozen=True, eq=False)
