@@ -3,6 +3,7 @@ export {
   BufferAttribute,
   BufferGeometry,
   Color,
+  DoubleSide,
   Group,
   IcosahedronGeometry,
   InstancedMesh,

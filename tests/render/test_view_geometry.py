@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import shutil
 import subprocess
 import zlib
@@ -253,3 +254,11 @@ def test_the_script_has_three_js_first_or_is_missing(monkeypatch, tmp_path):
 
 def test_every_script_is_part_of_the_page():
     assert {path.name for path in VIEWER.glob("*.js")} | {"three.min.js"} == set(module._SCRIPTS)
+
+
+def test_three_js_is_built_with_all_that_the_view_uses():
+    scripts = [path for path in VIEWER.glob("*.js") if path.name != "three.min.js"]
+    used = {name for path in scripts for name in re.findall(r"\bTHREE\.(\w+)", path.read_text(encoding="utf-8"))}
+    exported = (Path(__file__).parents[2] / "viewer" / "three.js").read_text(encoding="utf-8")
+    assert used
+    assert used - set(re.findall(r"^  (\w+),$", exported, re.MULTILINE)) == set()
