@@ -80,9 +80,10 @@ def preview_pictures(
     width = -(-options.width // len(panels))
     views = []
     for azimuth, light in zip(azimuths, lights, strict=True):
-        reach = 1.0 if options.ground else _SHADOW_REACH
+        axes = view_axes(azimuth, options.elevation)
+        reach = 0.0 if not _sees_ground(axes) else 1.0 if options.ground else _SHADOW_REACH
         shadow = points + reach * (shadow_points(points, ground, light) - points)
-        views.append((view_axes(azimuth, options.elevation), [(points, _FILL), (shadow, _SHADOW_FILL)]))
+        views.append((axes, [(points, _FILL), (shadow, _SHADOW_FILL)]))
     cameras = frame_views(views, width, options.height)
     pictures = []
     with (
@@ -121,6 +122,11 @@ def _light(azimuth: float, ground: bool) -> AreaLight:
     turn, rise, radius = (_GROUND_TURN, _GROUND_RISE, _GROUND_RADIUS) if ground else (_TURN, _RISE, _RADIUS)
     x, y, z = view_axes(azimuth + turn, rise)[2].tolist()
     return AreaLight((x, y, z), radius)
+
+
+def _sees_ground(axes: Float64Array) -> bool:
+    """Tell whether a camera with these axes looks down on the ground."""
+    return float(axes[2, 1]) > _MIN_VIEW_RISE
 
 
 @dataclass(frozen=True)
@@ -175,7 +181,7 @@ class _Stage:
 
     def draw(self, panel: _Panel, camera: Camera, light: AreaLight) -> Picture:
         """Draw one panel."""
-        shadow = self._shadow(panel.shadow_of_spheres, light) if camera.axes[2, 1] > _MIN_VIEW_RISE else None
+        shadow = self._shadow(panel.shadow_of_spheres, light) if _sees_ground(camera.axes) else None
         rows = max(_MAX_SAMPLES // (camera.width * _SAMPLES * _SAMPLES), 1)
         return np.concatenate([self._draw_band(panel, band, light, shadow) for band in camera.bands(rows)])
 
