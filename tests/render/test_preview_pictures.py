@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from aoprecalc.mesh.normals import shading_normals
+
 from aoprecalc.options import PreviewOptions
 from aoprecalc.progress import Progress
 from aoprecalc.render.preview import preview_pictures
