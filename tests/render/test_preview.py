@@ -1,195 +1,202 @@
-"""The picture of a mesh and its spheres, against what must be true of any such picture."""
+"""Whole previews: what must be true of the picture of any mesh."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-import shapes
-from aoprecalc.render.rasterizer import (
-    LIGHT_DIRECTION,
-    Camera,
-    ground_shadow,
-    light_directions,
-    mesh_caster,
-    preview_image,
-    preview_panels,
-    rasterize_mesh,
-    rasterize_spheres,
-    shade,
-    sphere_caster,
-)
-from aoprecalc.types import Scene
+from aoprecalc.mesh.surface import shading_normals
+from aoprecalc.options import PreviewOptions
+from aoprecalc.progress import Progress
+from aoprecalc.render.preview import preview_pictures
+from aoprecalc.types import AlphaMask, Material, TexturedMesh
+from shapes import ball, box, cap, clutter, dented, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
-SIZE = (320, 160)
+SIZE = (160, 120)
+BALL = ball(4)
 ONE = np.zeros((1, 3)), np.ones(1)  # the sphere that is the ball
 
 
-@pytest.fixture(scope="module")
-def ball() -> Scene:
-    return shapes.scene(*shapes.ball(4))
+def textured(made, seed=None):
+    """A mesh to draw; with a seed, its texture is random blotches."""
+    uvs = ao = None
+    if seed is not None:
+        uvs = triangle_a_cell(len(made.faces))
+        ao = np.kron(np.random.default_rng(seed).random((16, 16)), np.ones((8, 8))).astype(np.float32)
+    return TexturedMesh(made, shading_normals(made), uvs, ao, np.full(len(made.faces), ao is not None))
 
 
-@pytest.fixture(scope="module")
-def both(ball) -> np.ndarray:
-    """Mesh and sphere, (2, 160, 160, 3), as numbers."""
-    picture = preview_image(ball, *ONE, size=SIZE).astype(int)
-    return np.stack([picture[:, :160], picture[:, 160:]])
+def draw(made, spheres=None, seed=None, **options):
+    """The pictures of a scene, as signed numbers."""
+    options = {"size": SIZE, **options}
+    mesh = made if isinstance(made, TexturedMesh) else textured(made, seed)
+    return [picture.astype(int) for picture in preview_pictures(mesh, spheres, PreviewOptions(**options), Progress())]
 
 
-def camera_about(level: float = -1.0) -> Camera:
-    """A camera that sees the plane y = level around the origin."""
-    x, z = np.meshgrid([-4.0, 4.0], [-4.0, 4.0])
-    return Camera.framing(np.stack([x.ravel(), np.full(4, level), z.ravel()], axis=1), 200, 200)
+def difference(first, second):
+    """How much two pictures differ: the share of pixels that differ visibly, and the mean."""
+    distance = np.abs(first - second).max(axis=-1)
+    return (distance > 8).mean(), distance.mean()
 
 
-def test_a_ball_and_its_sphere_look_alike(both):
-    grey = both.mean(axis=3)  # they have colours of their own
-    paper = grey.max()
-    object_or_shadow = np.abs(grey - paper) > 2
-    assert (object_or_shadow[0] != object_or_shadow[1]).mean() < 0.005
-    object_ = np.abs(both[..., 0] - both[..., 2])  # stone is warm, the spheres are cold, the paper is neither
-    assert ((object_[0] > 20) != (object_[1] > 20))[:60].mean() < 0.02
-    same = (object_ < 12).all(axis=0)  # ground in both
-    assert same.mean() > 0.5
-    assert np.abs(both[0] - both[1])[same].mean() < 1
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_the_same_input_gives_the_same_bytes(backend):
+    made = scene(*dented(1))
+    first = draw(made, seed=2, backend=backend)[0]
+    for threads in (1, 2):
+        np.testing.assert_array_equal(draw(made, seed=2, backend=backend, threads=threads)[0], first)
 
 
-def test_both_cast_the_same_shadow():
-    camera = camera_about()
-    mesh = ground_shadow(mesh_caster(*shapes.ball(4)), 1.0, -1.0, camera)
-    sphere = ground_shadow(sphere_caster(*ONE), 1.0, -1.0, camera)
-    assert np.abs(mesh - sphere).max() < 0.05
-    assert np.abs(mesh - sphere).mean() < 0.001
+@pytest.mark.gl
+@pytest.mark.parametrize("made", [scene(*torus()), scene(*clutter(2)), scene(*cap())])
+@pytest.mark.parametrize("options", [{}, {"ground": True, "elevation": 5}, {"elevation": -30, "shading": "clay"}])
+def test_gl_and_rays_draw_nearly_the_same(made, options):
+    drawn, traced = (draw(made, seed=3, backend=backend, **options)[0] for backend in ("gl", "ray"))
+    far, mean = difference(drawn, traced)
+    assert far < 0.001
+    assert mean < 0.05
 
 
-def test_shadow_falls_away_from_the_light_and_is_darkest_at_contact():
-    camera = camera_about()
-    shadow = ground_shadow(sphere_caster(*ONE), 1.0, -1.0, camera).astype(float)
-    ground = camera.unproject(camera.ground_view_z(-1.0))
-    np.testing.assert_allclose(ground[..., 1], -1.0, atol=1e-9)
-    away = ground @ -np.array([LIGHT_DIRECTION[0], 0, LIGHT_DIRECTION[2]])
-    assert (away * shadow).sum() > 0
-    assert shadow[away < -0.8].max() < 0.01
-    darkest = ground[np.unravel_index(shadow.argmax(), shadow.shape)]
-    touched = np.linalg.norm(ground[..., [0, 2]], axis=-1) < 0.1
-    assert shadow[touched].min() == pytest.approx(1.0, abs=0.01)
-    assert np.linalg.norm(darkest - (0, -1, 0)) < 1  # beneath the ball, and not out where its middle is cast
-    assert shadow[0, 0] == shadow[-1, -1] == 0
+@pytest.mark.parametrize(("moved", "scale"), [((1e6, -1e6, 1e6), 1), ((0, 0, 0), 1e-4), ((0, 0, 0), 1e7)])
+def test_moving_and_scaling_leave_the_picture(moved, scale):
+    positions, faces = torus()
+    where = scale * positions + np.array(moved)
+    spheres = np.zeros((1, 3)), np.full(1, 0.5)
+    there = moved + scale * spheres[0], scale * spheres[1]
+    far, mean = difference(draw(scene(positions, faces), spheres)[0], draw(scene(where, faces), there)[0])
+    assert far < 0.001
+    assert mean < 0.02
 
 
-def test_shadow_is_softer_the_higher_what_casts_it():
-    camera = camera_about()
-    softness = []
-    for height in (0.4, 1.0, 2.0):
-        shadow = ground_shadow(sphere_caster(np.array([[0, -1 + height, 0]]), np.array([0.3])), 3.0, -1.0, camera)
-        softness.append(((shadow > 0.02) & (shadow < 0.98)).sum())
-    assert softness == sorted(softness)
-    assert softness[2] > 2 * softness[0]
+TURNS = {"x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], "z": [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}
 
 
-def test_light_is_a_cone_of_unit_vectors_above_the_ground():
-    light = light_directions()
-    np.testing.assert_allclose(np.linalg.norm(light, axis=1), 1, atol=1e-12)
-    assert 32 <= len(light) <= 64
-    assert light[:, 1].min() > 0.3
-    np.testing.assert_allclose(light.mean(axis=0) / np.linalg.norm(light.mean(axis=0)), LIGHT_DIRECTION, atol=0.02)
+@pytest.mark.parametrize("up", TURNS)
+def test_the_upward_axis_turns_the_mesh(up):
+    positions, faces = clutter(4)
+    upright = draw(scene(positions, faces))[0]
+    turned = textured(scene(positions @ np.array(TURNS[up]).T, faces))
+    far, mean = difference(draw(turned, up=up)[0], upright)
+    assert far < 0.001
+    assert mean < 0.02
+    assert difference(draw(turned)[0], upright)[0] > 0.05
+    of_stl = replace(turned, scene=replace(turned.scene, format="stl"))
+    assert (difference(draw(of_stl)[0], upright)[0] < 0.001) == (up == "z")
 
 
-def test_shading_is_bounded_and_continuous():
-    normals = shapes.ball(5)[0]
-    bright = shade(normals)
-    assert 0.05 < bright.min() < bright.max() < 1.3
-    towards = normals @ LIGHT_DIRECTION
-    assert np.corrcoef(bright, towards)[0, 1] > 0.9
-    order = np.argsort(normals[:, 1])
-    assert np.isfinite(bright[order]).all()
+DEGENERATE = {
+    "a triangle": ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
+    "a point": ([[5, 5, 5]] * 3, [[0, 1, 2]]),
+    "a line": ([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2]]),
+    "a sheet": quad((0, 0, 0), (1, 0, 0), (0, 0, 1)),
+    "a sheet seen edge on": quad((0, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "a needle": box((-1, -1e-4, -1e-4), (1, 1e-4, 1e-4)),
+    "a needle seen from its tip": box((-1e-3, -1e-3, -1), (1e-3, 1e-3, 1)),
+    "a face without area beside one with": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2], [0, 1, 3]]),
+    "a mesh far away": (np.array(BALL[0]) + 1e9, BALL[1]),
+}
 
 
-def test_mesh_and_sphere_have_the_same_nearness_and_normals():
-    positions, faces = shapes.ball(5)
-    camera = Camera.framing(positions, 120, 120)
-    mesh = rasterize_mesh(positions[faces], positions[faces], camera)
-    sphere = rasterize_spheres(*ONE, camera)
-    common = mesh.mask & sphere.mask
-    assert common.sum() > 0.99 * sphere.mask.sum()
-    assert np.abs(mesh.view_z[common] - sphere.view_z[common]).mean() < 2e-3
-    assert (mesh.normals * sphere.normals).sum(axis=2)[common].min() > 0.97
-    inside_out = rasterize_mesh(positions[faces[:, ::-1]], -positions[faces[:, ::-1]], camera)
-    np.testing.assert_allclose(inside_out.normals, mesh.normals, atol=1e-6)
+@pytest.mark.parametrize("name", DEGENERATE)
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_degenerate_meshes_are_drawn(name, backend):
+    made = scene(*DEGENERATE[name])
+    for options in ({}, {"azimuth": 0, "elevation": 0}, {"elevation": 90}):
+        picture = draw(made, backend=backend, **options)[0]
+        assert picture.shape == (SIZE[1], SIZE[0], 3)
+        # There is a backdrop, and what is drawn does not touch the picture's edge.
+        edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+        assert edge.min() > 150
 
 
-def test_the_nearer_one_hides_the_farther():
-    camera = camera_about()
-    towards = camera.axes[2]
-    centers = np.stack([towards, -towards, 0 * towards])
-    seen = rasterize_spheres(centers, np.array([0.5, 0.5, 0.4]), camera)
-    middle = camera.project(np.zeros(3))[:2].astype(int)
-    assert seen.view_z[middle[1], middle[0]] == pytest.approx(1.5, abs=0.01)
-    square = np.array([[-1, -1], [1, -1], [0, 1]]) @ camera.axes[:2]
-    corners = np.stack([square - 0.5 * towards, square + 0.5 * towards, square])
-    seen = rasterize_mesh(corners, np.broadcast_to(towards, corners.shape), camera)
-    np.testing.assert_allclose(seen.view_z[seen.mask], 0.5)
+def test_a_ball_is_a_disc_of_the_size_that_the_camera_says():
+    picture = draw(scene(*BALL), shading="clay", elevation=-40, size=(240, 240))[0]
+    background = draw(scene([[0, 0, 0], [0, 0, 0], [0, 0, 0]], [[0, 1, 2]]), elevation=-40, size=(240, 240))[0]
+    covered = np.abs(picture - background).max(axis=2) > 3
+    rows, columns = np.nonzero(covered)
+    # Framed in 0.84 of the picture by the bounding points of the ball: up to its facets the disc is as wide.
+    assert np.ptp(rows) == pytest.approx(0.84 * 240, abs=4)
+    assert covered.sum() == pytest.approx(np.pi / 4 * np.ptp(rows) * np.ptp(columns), rel=0.02)
 
 
-def test_points_and_places_are_each_others_inverse():
-    camera = camera_about()
-    points = camera.unproject(camera.ground_view_z(-1.0))
-    rows, columns = np.indices((camera.height, camera.width))
-    np.testing.assert_allclose(camera.project(points)[..., :2], np.stack([columns, rows], axis=-1) + 0.5, atol=1e-9)
+def test_views_turn_around_the_mesh():
+    made = scene(*BALL)
+    pictures = draw(made, views=4, azimuth=10)
+    assert len(pictures) == 4
+    for picture in pictures[1:]:  # a ball looks the same from all around
+        assert difference(picture, pictures[0])[1] < 1
+    frames = draw(scene(*clutter(6)), turntable=True, frames=3)
+    assert len(frames) == 3
+    assert min(difference(frames[0], frame)[0] for frame in frames[1:]) > 0.02
 
 
-def test_nothing_is_cut_off(ball):
-    far = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
-    for picture in (preview_image(ball, *ONE, size=SIZE), preview_image(ball, far, np.full(3, 0.7), size=SIZE)):
-        for half in (picture[:, :160], picture[:, 160:]):
-            border = np.concatenate([half[0], half[-1], half[:, 0], half[:, -1]]).astype(int)
-            assert np.ptp(border, axis=0).max() <= 6
+@pytest.mark.parametrize("width", [160, 161])
+@pytest.mark.parametrize("ground", [False, True])
+def test_a_ball_and_its_sphere_look_alike_beside_each_other(width, ground):
+    picture = draw(scene(*BALL), ONE, size=(width, 120), shading="clay", ground=ground)[0]
+    assert picture.shape == (120, width, 3)
+    half = width // 2
+    mesh, sphere = picture[:, :half], picture[:, -half:]
+    blue = [(panel[..., 2] - panel[..., 0]) for panel in (mesh, sphere)]
+    assert blue[0].max() < 15 < blue[1].max()
+    # Where neither is drawn, the backdrops and both shadows are the same.
+    free = (blue[1] < 15) & (blue[0] > -6)
+    assert free.mean() > 0.4
+    assert np.abs(mesh - sphere)[free].mean() < 2
 
 
-def test_what_lies_below_the_ground_is_hidden(ball):
-    sunk = preview_panels(ball, [(np.array([[0.0, -1, 0]]), np.array([0.5]))], size=(160, 160))[1]
-    whole = preview_panels(ball, [(np.array([[0.0, -0.4, 0]]), np.array([0.5]))], size=(160, 160))[1]
-    cold = [(picture[..., 2].astype(int) - picture[..., 0] > 20).sum() for picture in (sunk, whole)]
-    assert 0.3 * cold[1] < cold[0] < 0.8 * cold[1]
+def test_spheres_over_the_mesh_let_it_through():
+    made = scene(*box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)))
+    plain = draw(made)[0]
+    over = draw(made, (np.zeros((1, 3)), np.full(1, 0.6)), spheres_view="over")[0]
+    assert over.shape == plain.shape
+    bluer = (over[..., 2] - over[..., 0]) - (plain[..., 2] - plain[..., 0])
+    middle = over[50:70, 70:90]
+    assert 10 < bluer[50:70, 70:90].mean() < 80
+    assert np.ptp(middle.sum(axis=2)) > 10  # the edges of the box are seen through the sphere
 
 
-@pytest.mark.parametrize("size", [(320, 160), (301, 97), (2, 1)])
-def test_size(ball, size):
-    picture = preview_image(ball, *ONE, size=size)
-    assert picture.shape == (size[1], size[0], 3)
-    assert picture.dtype == np.uint8
+def test_ground_compares_the_shadows_of_mesh_and_spheres():
+    made = scene(*torus())
+    far_off = np.array([[0.0, 0.6, 0.0]]), np.array([0.2])
+    picture = draw(made, far_off, spheres_view="over", ground=True, size=(320, 120))[0]
+    same = draw(made, far_off, spheres_view="over", ground=True, size=(320, 120))[0]
+    np.testing.assert_array_equal(picture, same)
+    left, right = picture[:, :160], picture[:, 160:]
+    ring = np.abs(left - right).max(axis=2)
+    assert (ring > 8).mean() > 0.02  # the shadows differ
+    assert (ring == 0).mean() > 0.3  # the mesh does not
 
 
-def test_same_input_same_picture(ball, both):
-    again = preview_image(ball, *ONE, size=SIZE)
-    np.testing.assert_array_equal(again, np.concatenate(list(both), axis=1))
+def test_holes_of_alpha_masks_show_what_is_behind():
+    size = 64
+    at = np.hypot(*np.meshgrid(*[(np.arange(size) + 0.5) / size - 0.5] * 2))
+    uvs = quad_uvs((0, 0), (1, 1))
+    made = scene(*quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)))
+    mask = AlphaMask((at > 0.25).astype(np.float32), uvs, np.ones((2, 3)), 0.5)
+    holed = replace(made, parts=(replace(made.parts[0], material=Material(alpha_mask=mask)),))
+    options = {"azimuth": 0, "elevation": 0, "size": (200, 200), "shading": "clay"}
+    solid, pierced = draw(made, **options)[0], draw(holed, **options)[0]
+    open_ = np.abs(solid - pierced).max(axis=2) > 8
+    side = 0.84 * 200  # pixels, of the square
+    assert open_.sum() == pytest.approx(np.pi * (0.25 * side) ** 2, rel=0.05)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_scale_and_place_do_not_matter(ball, both, scale):
-    moved = shapes.scene(ball.positions * scale + 5 * scale, ball.faces)
-    picture = preview_image(moved, ONE[0] + 5 * scale, ONE[1] * scale, size=SIZE).astype(int)
-    apart = np.abs(picture - np.concatenate(list(both), axis=1))
-    assert (apart > 2).mean() < 0.002
+def test_a_picture_beyond_what_is_drawn_at_once_is_drawn_in_bands(monkeypatch):
+    made = scene(*clutter(7))
+    whole = draw(made)[0]
+    monkeypatch.setattr("aoprecalc.render.preview._MAX_SAMPLES", 160 * 16 * 25)
+    far, mean = difference(draw(made)[0], whole)
+    assert far < 0.001
+    assert mean < 0.05
 
 
-def test_up_axis_turns_the_scene():
-    tall = shapes.ball(3)[0] * (0.4, 1, 0.5), shapes.ball(3)[1]
-    turned = tall[0][:, [0, 2, 1]] * (1, -1, 1), tall[1]  # z is up where y was
-    centers, radii = np.array([[0.0, 0.5, 0]]), np.array([0.4])
-    upright = preview_image(shapes.scene(*tall), centers, radii, size=SIZE)
-    lying = preview_image(shapes.scene(*turned), centers[:, [0, 2, 1]] * (1, -1, 1), radii, size=SIZE, up="z")
-    np.testing.assert_array_equal(upright, lying)
-
-
-@pytest.mark.parametrize("right_up", [((1, 0, 0), (0, 1, 0)), ((1, 0, 0), (0, 0, 1)), ((0, 1, 0), (0, 0, 1))])
-def test_flat_meshes(right_up):
-    flat = shapes.scene(*shapes.quad((0, 0, 0), *right_up))
-    picture = preview_image(flat, np.array([[0.5, 0, 0.5]]), np.array([0.1]), size=SIZE)
-    assert np.ptp(picture[:, :160].astype(int)) > 20
-
-
-def test_degenerate_faces_and_spheres_of_no_size():
-    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0, 0]], float)
-    scene = shapes.scene(positions, [[0, 1, 2], [0, 1, 3], [0, 0, 0]])
-    picture = preview_image(scene, np.array([[0.2, 0.2, 0], [9, 9, 9]]), np.zeros(2), size=SIZE)
-    assert picture.shape == (160, 320, 3)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_touches_the_edge_of_the_picture(seed):
+    rng = np.random.default_rng(seed)
+    positions, faces = clutter(seed)
+    made = scene(positions * rng.uniform(0.1, 2, 3) @ rotation(seed), faces)
+    for options in ({"views": 2}, {"elevation": 70}, {"size": (60, 200)}):
+        for picture in draw(made, shading="clay", **options):
+            edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+            assert edge.min() > 150

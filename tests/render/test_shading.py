@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from aoprecalc.mesh.normals import shading_normals
 
+from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.render.camera import PictureFrame, frame_views, view_axes
 from aoprecalc.render.shading import (
     BOUNCE,
