@@ -4,6 +4,7 @@ export {
   BufferGeometry,
   Color,
   DoubleSide,
+  FrontSide,
   Group,
   IcosahedronGeometry,
   InstancedMesh,
