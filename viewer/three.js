@@ -1,4 +1,4 @@
-// What src/aoprecalc/render/viewer/mesh_view.js uses of three.js, under the global name THREE.
+// What src/aoprecalc/render/viewer/*.js use of three.js, under the global name THREE.
 export {
   BufferAttribute,
   BufferGeometry,
@@ -12,8 +12,8 @@ export {
   Mesh,
   NoColorSpace,
   PerspectiveCamera,
-  REVISION,
   RepeatWrapping,
+  REVISION,
   Scene,
   ShaderMaterial,
   SRGBColorSpace,

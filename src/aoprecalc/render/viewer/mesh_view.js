@@ -37,6 +37,7 @@
   const MARGIN = 1.08; // around the mesh
   const MIN_ZOOM = 0.3, MAX_ZOOM = 12;
   const TURN_STEP = 10, MOVE_STEP = 0.1, ZOOM_STEP = 1.15; // of one key
+  const TOUCH_SLOP = 5; // pixels that a finger moves sideways before it turns the mesh
   const MAX_PIXEL_RATIO = 2;
   const RESTORE_MS = 4000; // how long a lost graphics context may take to come back
   const FAINT = 0.35; // opacity of the mesh around its spheres
@@ -84,7 +85,9 @@
 
     async #start() {
       const { canvas, asset } = this;
-      this.renderer = new THREE.WebGLRenderer({ canvas, alpha: true, antialias: true, powerPreference: "low-power" });
+      const context = canvas.getContext("webgl2", { alpha: true, antialias: true, powerPreference: "low-power" });
+      if (!context) throw new Error("this browser has no WebGL 2, or has it switched off");
+      this.renderer = new THREE.WebGLRenderer({ canvas, context });
       this.renderer.setClearColor(0, 0);
       this.scene = new THREE.Scene();
       this.camera = new THREE.PerspectiveCamera();
@@ -191,7 +194,7 @@
       clearTimeout(this.restoring);
       for (const one of this.freed) one.dispose();
       this.renderer?.dispose();
-      this.renderer?.forceContextLoss();
+      if (!this.lost) this.renderer?.forceContextLoss();
     }
 
     #free(...values) {
@@ -283,9 +286,10 @@
       this.watcher.observe(canvas);
     }
 
-    /** Drag to turn, with Shift or another button to move; two fingers zoom and move. */
+    /** Drag to turn, with Shift or another button to move; two fingers zoom and move. One finger up or down scrolls. */
     #listenToPointers(listen) {
       const { canvas } = this, pointers = new Map();
+      let turning = false; // one finger has moved sideways
       const middle = () => {
         const all = [...pointers.values()];
         const x = all.reduce((sum, one) => sum + one.clientX, 0) / all.length;
@@ -300,6 +304,11 @@
       listen("pointermove", (event) => {
         if (!pointers.has(event.pointerId)) return;
         const before = middle();
+        if (event.pointerType === "touch" && pointers.size === 1 && !turning) {
+          const sideways = Math.abs(event.clientX - before.x);
+          if (sideways < TOUCH_SLOP || sideways < Math.abs(event.clientY - before.y)) return;
+          turning = true;
+        }
         pointers.set(event.pointerId, event);
         const now = middle(), across = now.x - before.x, down = now.y - before.y;
         const side = Math.min(canvas.clientWidth, canvas.clientHeight);
@@ -310,7 +319,10 @@
         } else this.#turn((-240 * across) / side, (240 * down) / side);
       });
       for (const name of ["pointerup", "pointercancel", "lostpointercapture"])
-        listen(name, (event) => pointers.delete(event.pointerId));
+        listen(name, (event) => {
+          pointers.delete(event.pointerId);
+          turning = turning && pointers.size > 0;
+        });
       listen("contextmenu", (event) => event.preventDefault());
     }
   }
