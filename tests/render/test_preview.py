@@ -10,7 +10,20 @@ from aoprecalc.options import PreviewOptions
 from aoprecalc.progress import Progress
 from aoprecalc.render.preview import preview_pictures
 from aoprecalc.types import AlphaMask, Material, TexturedMesh
-from shapes import ball, box, cap, clutter, dented, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
+from shapes import (
+    ball,
+    box,
+    cap,
+    clutter,
+    dented,
+    quad,
+    quad_uvs,
+    rotation,
+    scene,
+    scene_of_parts,
+    torus,
+    triangle_a_cell,
+)
 
 SIZE = (160, 120)
 BALL = ball(4)
@@ -180,6 +193,20 @@ def test_holes_of_alpha_masks_show_what_is_behind():
     open_ = np.abs(solid - pierced).max(axis=2) > 8
     side = 0.84 * 200  # pixels, of the square
     assert open_.sum() == pytest.approx(np.pi * (0.25 * side) ** 2, rel=0.05)
+
+
+def test_glass_lets_what_is_behind_it_through():
+    inner, outer = box((-0.3, -0.3, -0.3), (0.3, 0.3, 0.3)), box((-0.6, -0.6, -0.6), (0.6, 0.6, 0.6))
+    both = scene_of_parts(inner, outer)
+    glass = replace(both, parts=(both.parts[0], replace(both.parts[1], material=Material(transparent=True))))
+    solid, clear = draw(both)[0], draw(glass)[0]
+    behind = scene_of_parts(outer, inner)
+    hidden = replace(behind, parts=(behind.parts[0], replace(behind.parts[1], material=Material(transparent=True))))
+    changed = np.abs(solid - clear).max(axis=2) > 8
+    assert changed[50:70, 70:90].mean() > 0.5
+    np.testing.assert_array_equal(draw(hidden)[0], draw(scene(*outer))[0])  # glass inside a solid box
+    only = replace(both, parts=tuple(replace(part, material=Material(transparent=True)) for part in both.parts))
+    np.testing.assert_array_equal(draw(only)[0], solid)
 
 
 def test_a_picture_beyond_what_is_drawn_at_once_is_drawn_in_bands(monkeypatch):

@@ -12,6 +12,7 @@ from aoprecalc.render.shading import (
     KEY,
     SKY,
     SPHERE,
+    WHITE,
     PictureMesh,
     decode,
     encode,
@@ -42,9 +43,8 @@ def colors_of(mesh, shading="ao", azimuth=0.0, elevation=0.0, size=SIZE):
     drawn = PictureMesh.from_mesh(mesh, frame)
     points = frame.points(mesh.scene.positions)
     camera = frame_views([(view_axes(azimuth, elevation), [(points, 0.9)])], *size)[0]
-    indices = RayDrawer(drawn.pieces, drawn.pieces).visible(camera.clip_matrix(points), 2 * size[0], 2 * size[1])
-    if drawn.face_of is not None:
-        indices = np.append(drawn.face_of, -1)[indices]
+    corners = drawn.opaque.corners
+    indices = RayDrawer(corners, corners).visible(camera.clip_matrix(points), 2 * size[0], 2 * size[1])
     seen = fragments(indices, 2)
     return shade(drawn, seen, camera, LIGHT, shading)[0], seen, camera
 
@@ -158,8 +158,18 @@ def test_base_colors_are_factor_times_texture():
     mesh = textured(made, base_colors=(BaseColor(factor, picture, 3 * uvs - 1),))
     colors, _, _ = colors_of(mesh, "material")
     ambient, key = irradiance(np.array([[0, 0, 1]], np.float32), LIGHT)
-    expected = np.array(factor) * decode(picture[0, 0]) * (ambient + key)
+    expected = WHITE * np.array(factor) * decode(picture[0, 0]) * (ambient + key)
     np.testing.assert_allclose(colors, np.broadcast_to(expected, colors.shape), rtol=1e-4, atol=1e-6)
+
+
+def test_fine_base_textures_do_not_alias():
+    made, uvs = card(4)
+    picture = np.repeat((255 * (np.indices((512, 512)).sum(axis=0) % 2)).astype(np.uint8)[..., None], 3, axis=2)
+    colors, _, _ = colors_of(
+        textured(made, base_colors=(BaseColor((1, 1, 1), picture, uvs),)), "material", size=(40, 30)
+    )
+    ambient, key = irradiance(np.array([[0, 0, 1]], np.float32), LIGHT)
+    np.testing.assert_allclose(colors, np.broadcast_to(0.5 * WHITE * (ambient + key), colors.shape), rtol=1e-3)
 
 
 def test_spheres_are_shaded_by_the_normal_where_rays_meet_them():

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,7 @@ _MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there
 _CENTER, _CORNER = np.array([0.92, 0.92, 0.915], np.float32), np.array([0.76, 0.77, 0.775], np.float32)  # backdrop
 _KEY_SHARE, _SKY_SHARE = 0.38, 0.52  # of the ground's light
 _GROUND_KEY_SHARE, _GROUND_SKY_SHARE = 0.56, 0.34  # where shadows are compared
+_GLASS = np.float32(0.35)  # opacity of parts that light passes through
 _OVER, _RIM = 0.36, 0.54  # opacity of spheres over the mesh where one looks straight at them, and what rims add
 _MAX_BEHIND = 0.3  # radii behind the mesh's surface at which they are hidden
 
@@ -87,12 +88,12 @@ def preview_pictures(
     cameras = frame_views(views, width, options.height)
     pictures = []
     with (
-        open_drawer(drawn, options, progress) as drawer,
+        open_drawers(drawn, options, progress) as (drawer, glass_drawer),
         progress.stage("draw", len(cameras), "pictures"),
     ):
         sphere_drawer = None if balls is None else SphereDrawer(*balls)
         window = shadow_window(points, ground, lights)
-        stage = _Stage(drawn, drawer, balls, sphere_drawer, points, ground, window, options)
+        stage = _Stage(drawn, drawer, glass_drawer, balls, sphere_drawer, points, ground, window, options)
         for camera, light in zip(cameras, lights, strict=True):
             drawings = [stage.draw(panel, camera, light) for panel in panels]
             drawings[0] = drawings[0][:, : options.width - width * (len(panels) - 1)]
@@ -102,14 +103,19 @@ def preview_pictures(
 
 
 @contextmanager
-def open_drawer(mesh: PictureMesh, options: PreviewOptions, progress: Progress) -> Iterator[SurfaceDrawer]:
-    """Open what draws the mesh: OpenGL or rays, as the options ask for."""
-    casters = simplified(mesh.pieces)
+def open_drawers(
+    mesh: PictureMesh, options: PreviewOptions, progress: Progress
+) -> Iterator[tuple[SurfaceDrawer, SurfaceDrawer | None]]:
+    """Open what draws the mesh, and its glass, if any: OpenGL or rays, as the options ask for."""
     with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
-        if renderer is None:
-            yield RayDrawer(mesh.pieces, casters, options.threads)
-        else:
-            yield TriangleDrawer(renderer, mesh.pieces, casters)
+
+        def drawer(corners: Float32Array, casters: Float32Array) -> SurfaceDrawer:
+            if renderer is None:
+                return RayDrawer(corners, casters, options.threads)
+            return TriangleDrawer(renderer, corners, casters)
+
+        opaque = drawer(mesh.opaque.corners, simplified(mesh.opaque.corners))
+        yield opaque, None if mesh.glass is None else drawer(mesh.glass.corners, mesh.glass.corners[:1])
 
 
 def _azimuths(options: PreviewOptions) -> list[float]:
@@ -172,6 +178,7 @@ class _Stage:
 
     mesh: PictureMesh
     mesh_drawer: SurfaceDrawer
+    glass_drawer: SurfaceDrawer | None
     spheres: Spheres | None
     sphere_drawer: SurfaceDrawer | None
     points: Float64Array
@@ -199,20 +206,23 @@ class _Stage:
 
     def _draw_band(self, panel: _Panel, camera: Camera, light: AreaLight, shadow: GroundShadow | None) -> Picture:
         linear = _backdrop(camera, shadow, self.options.ground).reshape(-1, 3)
-        depth = None
+        depth = np.full(len(linear), np.inf, np.float32)
         if panel.mesh:
-            seen = self._fragments(self.mesh_drawer, camera, self.mesh.face_of)
+            seen = self._fragments(self.mesh_drawer, camera, self.mesh.opaque.face_of)
             colors, along = shade(self.mesh, seen, camera, light, self.options.shading)
             _composite(linear, colors, seen.pixel, seen.weight)
-            if panel.spheres:
-                depth = np.full(len(linear), np.inf, np.float32)
-                first = np.flatnonzero(np.diff(seen.pixel, prepend=-1))
-                depth[seen.pixel[first]] = np.minimum.reduceat(along, first) if len(first) else 0
+            first = np.flatnonzero(np.diff(seen.pixel, prepend=-1))
+            if len(first):
+                depth[seen.pixel[first]] = np.minimum.reduceat(along, first)
+        if panel.mesh and self.mesh.glass is not None and self.glass_drawer is not None:
+            seen = self._fragments(self.glass_drawer, camera, self.mesh.glass.face_of)
+            colors, along = shade(self.mesh, seen, camera, light, self.options.shading)
+            _composite(linear, colors, seen.pixel, seen.weight * np.where(along < depth[seen.pixel], _GLASS, 0))
         if panel.spheres and self.spheres is not None and self.sphere_drawer is not None:
             seen = self._fragments(self.sphere_drawer, camera)
             colors, along, facing = shade_spheres(*self.spheres, seen, camera, light)
             weight = seen.weight
-            if depth is not None:
+            if panel.mesh:
                 behind = np.clip((along - depth[seen.pixel]) / _MAX_BEHIND, 0, 1)
                 weight = weight * (_OVER + _RIM * (1 - facing) ** 2) * (1 - behind)
             if shadow is not None:
@@ -226,7 +236,8 @@ class _Stage:
         height, width = camera.shape
         samples = max(min(_SAMPLES, drawer.max_size // max(height, width)), 1)
         indices = drawer.visible(camera.clip_matrix(self.points), width * samples, height * samples)
-        return fragments(indices if face_of is None else np.append(face_of, np.int32(-1))[indices], samples)
+        seen = fragments(indices, samples)
+        return seen if face_of is None else replace(seen, index=face_of[seen.index])
 
 
 def _composite(linear: Float32Array, colors: Float32Array, pixel: Int32Array, weight: Float32Array) -> None:

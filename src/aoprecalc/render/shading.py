@@ -12,15 +12,38 @@ from aoprecalc.render.camera import Camera, PictureFrame
 from aoprecalc.render.shadow import AreaLight
 from aoprecalc.render.visible_surface import Fragments
 from aoprecalc.texture_lookup import bilinear_taps, mip_chain
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array, TexturedMesh, UInt8Array
+from aoprecalc.types import (
+    BaseColor,
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    Int64Array,
+    Scene,
+    TexturedMesh,
+    UInt8Array,
+)
 
 CLAY = np.array([0.66, 0.635, 0.60], np.float32)
 SPHERE = np.array([0.24, 0.42, 0.64], np.float32)
+WHITE = np.float32(0.74)  # multiplies base colours, so that white in full light is white
 INSIDE = np.array([0.62, 0.50, 0.44], np.float32)  # multiplies the colour of back faces
 SKY, BOUNCE = np.array([0.62, 0.65, 0.70], np.float32), np.array([0.33, 0.31, 0.29], np.float32)
 KEY = np.array([0.74, 0.70, 0.63], np.float32)
 _MAX_LEVELS = 8  # of mip maps
 _MAX_PIECES = 300_000  # into which faces with an alpha mask are cut
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Triangles that are drawn: faces of a mesh, without the holes of alpha masks.
+
+    corners   (o, 3, 3) float32, o >= 1
+    face_of   (o,) int32: the face of each
+    """
+
+    corners: Float32Array
+    face_of: Int32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +54,16 @@ class PictureMesh:
     corners   (f, 3, 3) float64
     normals   (f, 3, 3) float32: unit shading normals
     inverted  (f,) bool: the shading normals oppose the winding, so that its other side is the front
-    pieces    (o, 3, 3) float32: the triangles that are drawn, without the holes of alpha masks
-    face_of   (o,) int32: the face of each; None where the pieces are the faces
+    opaque    the pieces of all parts but those of glass; those of glass where there are no others
+    glass     the pieces of parts that light passes through; None where there are none, or nothing else
     """
 
     source: TexturedMesh
     corners: Float64Array
     normals: Float32Array
     inverted: BoolArray
-    pieces: Float32Array
-    face_of: Int32Array | None
+    opaque: Pieces
+    glass: Pieces | None
 
     @classmethod
     def from_mesh(cls, mesh: TexturedMesh, frame: PictureFrame) -> Self:
@@ -50,20 +73,46 @@ class PictureMesh:
         normals = frame.vectors(mesh.normals)
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float32)
         inverted = (np.einsum("fcx,fx->fc", normals, across) < 0).all(axis=1)
-        pieces, face_of = corners.astype(np.float32), None
-        if any(part.material.alpha_mask is not None for part in scene.parts):
-            parts = tuple(replace(part, occludes=True) for part in scene.parts)
-            cut, faces = opaque_pieces(replace(scene, parts=parts), _MAX_PIECES)
-            pieces, face_of = frame.points(cut).astype(np.float32), faces.astype(np.int32)
-        if not len(pieces):  # nothing but holes: a triangle without area
-            pieces, face_of = np.zeros((1, 3, 3), np.float32), np.zeros(1, np.int32)
-        return cls(mesh, corners, normals, inverted, pieces, face_of)
+        clear = scene.per_face(part.material.transparent for part in scene.parts)
+        if clear.all():
+            clear[:] = False
+        opaque = _pieces(scene, corners, ~clear, frame)
+        return cls(
+            mesh, corners, normals, inverted, opaque, _pieces(scene, corners, clear, frame) if clear.any() else None
+        )
 
     @cached_property
     def mips(self) -> list[Float32Array]:
         """The mip levels of the texture."""
         assert self.source.ao is not None
         return mip_chain(self.source.ao, _MAX_LEVELS)
+
+    @cached_property
+    def _base_textures(self) -> dict[tuple[int, int], Float32Array]:
+        return {}
+
+    def base_texture(self, base: BaseColor, level: int) -> Float32Array:
+        """Return a mip level of a base colour's texture, linear, (h, w, 3) float32."""
+        assert base.texture is not None
+        step = 1 << min(level, min(base.texture.shape[:2]).bit_length() - 1)
+        key = id(base.texture), step
+        if key not in self._base_textures:
+            height, width = (side // step for side in base.texture.shape[:2])
+            blocks = decode(base.texture[: height * step, : width * step]).reshape(height, step, width, step, 3)
+            self._base_textures[key] = blocks.mean(axis=(1, 3))
+        return self._base_textures[key]
+
+
+def _pieces(scene: Scene, corners: Float64Array, chosen: BoolArray, frame: PictureFrame) -> Pieces:
+    """Return the pieces of (f,) chosen faces, whose parts are chosen as a whole."""
+    parts = tuple(replace(part, occludes=bool(chosen[part.faces].all())) for part in scene.parts)
+    if any(part.occludes and part.material.alpha_mask is not None for part in parts):
+        cut, faces = opaque_pieces(replace(scene, parts=parts), _MAX_PIECES)
+        if not len(cut):  # nothing but holes: a triangle without area
+            cut, faces = np.zeros((1, 3, 3)), np.zeros(1, np.int64)
+        return Pieces(frame.points(cut).astype(np.float32), faces.astype(np.int32))
+    faces = np.flatnonzero(chosen)
+    return Pieces(corners[faces].astype(np.float32), faces.astype(np.int32))
 
 
 def irradiance(normals: Float32Array, light: AreaLight) -> tuple[Float32Array, Float32Array]:
@@ -93,16 +142,17 @@ def shade(
     back = back[local]
     normals[back] *= -1
     ambient, key = irradiance(normals, light)
+    projected = camera.project(mesh.corners[faces])
     if shading != "clay" and mesh.source.ao is not None and mesh.source.uvs is not None:
         uvs = mesh.source.uvs[faces]
-        level = _texture_level(uvs, mesh.source.ao.shape, camera.project(mesh.corners[faces]))
+        level = _texture_level(uvs, mesh.source.ao.shape, projected)
         occlusion = _trilinear(mesh.mips, _interpolate(uvs, local, weights), level[local])
         occlusion[~mesh.source.textured[faces][local]] = 1
         ambient *= occlusion[:, None]
         key *= self_shadow(occlusion, normals @ np.array(light.direction, np.float32))[:, None]
     color = np.broadcast_to(CLAY, ambient.shape)
     if shading == "material" and mesh.source.base_colors:
-        color = _base_colors(mesh, faces, local, weights)
+        color = WHITE * _base_colors(mesh, faces, local, weights, projected)
     linear: Float32Array = color * (ambient + key)
     linear[back] *= INSIDE
     depth = _interpolate(-(corners @ camera.axes[2])[..., None], local, weights)[:, 0]
@@ -232,14 +282,18 @@ def _bilinear(image: Float32Array, uvs: Float32Array) -> Float32Array:
     return values
 
 
-def _base_colors(mesh: PictureMesh, faces: Int64Array, local: Int64Array, weights: Float32Array) -> Float32Array:
-    """Return the base colours of fragments, (m, 3)."""
+def _base_colors(
+    mesh: PictureMesh, faces: Int64Array, local: Int64Array, weights: Float32Array, projected: Float64Array
+) -> Float32Array:
+    """Return the base colours of fragments, (m, 3), each texture at the mip level that suits half of its triangles."""
     color = np.empty((len(local), 3), np.float32)
     for part, base in zip(mesh.source.scene.parts, mesh.source.base_colors, strict=True):
         low, high = np.searchsorted(faces, [part.start, part.stop])
         index = np.flatnonzero((local >= low) & (local < high))
         color[index] = np.array(base.factor, np.float32)
         if len(index) and base.texture is not None and base.uvs is not None:
-            uvs = _interpolate(base.uvs[faces[low:high] - part.start], local[index] - low, weights[index])
-            color[index] *= _bilinear(decode(base.texture), uvs)
+            corners = base.uvs[faces[low:high] - part.start]
+            level = float(np.median(_texture_level(corners, base.texture.shape, projected[low:high])))
+            uvs = _interpolate(corners, local[index] - low, weights[index])
+            color[index] *= _bilinear(mesh.base_texture(base, round(level)), uvs)
     return color
