@@ -179,7 +179,7 @@ def read_page(
         raise InputError(
             f"{_named(results)}: none of {counted(len(assets), 'mesh', 'meshes')} has ambient occlusion; {EXPECTED}"
         )
-    pages += [AssetPage(asset.name, "removed", change="removed") for asset in removed]
+    pages += [_removed(asset, budget) for asset in removed]
     heading = title or (f"{pages[0].name}: ambient occlusion" if len(pages) == 1 else _TITLE)
     return render_page(pages, heading, before="" if before is None else _named(before), viewer=script)
 
@@ -191,6 +191,14 @@ def _compared(page: AssetPage, read: ReadAsset, earlier: AssetFiles | None, budg
         return replace(page, change="added")
     change, comparison = changes(earlier, asset_page(old, budget), read.files, page)
     return replace(page, change=change, comparison=comparison)
+
+
+def _removed(asset: AssetFiles, budget: Budget) -> AssetPage:
+    """Return the page of an asset that only the run before has."""
+    old = read_asset(replace(asset, given=False))
+    page = AssetPage(asset.name, "removed") if old is None else asset_page(old, budget)
+    note = "Only the run before has it; this is what it was."
+    return replace(page, status="removed", change="removed", notes=(note, *page.notes), view_note="Still pictures.")
 
 
 def _named(results: Result | Sequence[Result]) -> str:

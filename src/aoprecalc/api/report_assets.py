@@ -348,7 +348,7 @@ def _located(name: str | None, folder: Path) -> Path | None:
 
 
 def _candidates(name: str, folder: Path) -> Iterable[Path]:
-    return folder / name, Path(name), folder / Path(name).name
+    return folder / Path(name).name, folder / name, Path(name)  # a folder may have been moved, or copied
 
 
 def _batch_root(report: _BatchDocument, folder: Path) -> Path:

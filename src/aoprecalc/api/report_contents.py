@@ -1,6 +1,6 @@
 """What the report page holds of one asset: read its files, draw its pictures, say what is known of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,7 @@ from aoprecalc.render.report_page import (
     web_picture,
 )
 from aoprecalc.render.view_geometry import view_geometry
-from aoprecalc.types import Float32Array, Float64Array, Picture
+from aoprecalc.types import Float32Array, Float64Array, Picture, TexturedMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ def _stills(read: ReadAsset, budget: Budget) -> list[tuple[str, Picture, str]]:
     modes: list[tuple[str, Shading, bool, str]] = []
     if read.ao is not None:
         modes.append(("ao", "ao", False, f"{name} with its ambient occlusion"))
-    if mesh.base_colors:
+    if _has_materials(mesh):
         modes.append(("material", "material", False, f"{name} with its materials and ambient occlusion"))
     if read.spheres is not None:
         modes.append(("spheres", "ao" if read.ao is not None else "clay", True, f"{name} and its spheres"))
@@ -194,13 +194,21 @@ def _stills(read: ReadAsset, budget: Budget) -> list[tuple[str, Picture, str]]:
     return found
 
 
+def _has_materials(mesh: TexturedMesh) -> bool:
+    """Tell whether there is more to see of the materials than one plain colour."""
+    colors = mesh.base_colors
+    return any(color.texture is not None for color in colors) or len({color.factor for color in colors}) > 1
+
+
 def _view(read: ReadAsset, budget: Budget) -> tuple[dict[str, Any] | None, str]:
     """Return what the 3D view takes, but for the pictures that the page shows anyway; or None, and why."""
     if read.mesh is None:
         return None, ""
     if not budget.triangles:
         return None, "Still pictures: a page of so many assets has no 3D views."
-    geometry = view_geometry(read.mesh.mesh, budget.triangles, budget.texture // 2)
+    mesh = read.mesh.mesh
+    mesh = mesh if _has_materials(mesh) else replace(mesh, base_colors=())
+    geometry = view_geometry(mesh, budget.triangles, budget.texture // 2)
     if geometry is None:
         return None, "Still pictures: the mesh is of too many small pieces to be simplified for a 3D view."
     note = "Drag to turn, or use the arrow keys; + and - zoom, 0 resets."

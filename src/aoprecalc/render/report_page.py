@@ -9,7 +9,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -54,7 +54,7 @@ _BUDGETS = (
     Budget(3, 1024, 960, 96, 60_000),
     Budget(12, 768, 800, 96, 30_000),
     Budget(40, 512, 640, 96, 10_000),
-    Budget(120, 320, 480, 72, 3_000),
+    Budget(120, 384, 480, 72, 6_000),
     Budget(400, 192, 320, 64, 800),
     Budget(1 << 31, 96, 200, 48, 0),
 )
@@ -218,6 +218,14 @@ class AssetPage:
         )
         return order.index(True), self.name
 
+    @property
+    def brief(self) -> str:
+        """What a narrow table tells in one line instead of its columns."""
+        found = [f"mean AO {mean.text}"] if (mean := self.figure("mean")) else []
+        found += [f"RMS error {error.text}"] if (error := self.figure("error")) else []
+        found += [counted(len(self.warnings), "warning")] if self.warnings else []
+        return ", ".join(found)
+
     def figure(self, key: str) -> Figure | None:
         """Return a figure by its key."""
         return next((figure for figure in self.figures if figure.key == key), None)
@@ -243,6 +251,8 @@ def render_page(assets: Sequence[AssetPage], title: str, *, before: str = "", vi
     hashes. Equal arguments give equal texts.
     """
     ordered = sorted(assets, key=lambda asset: asset.rank)
+    if not viewer:
+        ordered = [replace(asset, view=None) for asset in ordered]
     if not any(asset.view for asset in ordered):
         viewer = ""
     style, script = _own("report.css"), _own("report.js")

@@ -62,9 +62,13 @@
 
     const collator = new Intl.Collator(undefined, { numeric: true });
     const value = (row, key) => row.querySelector(`[data-key="${key}"]`).dataset.value;
-    for (const button of all("thead button[data-key]", table)) {
+    for (const header of all("thead th[data-column]", table)) {
+      const key = header.dataset.column, button = document.createElement("button");
+      button.type = "button";
+      button.dataset.key = key;
+      button.append(...header.childNodes);
+      header.append(button);
       button.addEventListener("click", () => {
-        const header = button.closest("th"), key = button.dataset.key;
         const first = header.classList.contains("number") ? "descending" : "ascending";
         const other = first === "ascending" ? "descending" : "ascending";
         const order = header.getAttribute("aria-sort") === first ? other : first;
