@@ -43,6 +43,11 @@ def has_headless_opengl() -> bool:
     return sys.platform not in ("darwin", "win32")
 
 
+def has_desktop() -> bool:
+    """Tell whether there may be a desktop whose programs open files."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
 def usable_cores() -> float:
     """Return how many cores this process may use; a container may grant a fraction."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from aoprecalc.cli import console
 from aoprecalc.io import write_image
 from shapes import quad, quad_uvs
 
@@ -133,15 +134,17 @@ def test_a_folder_that_may_not_be_written(folder, run):
     assert done.stderr.splitlines()[-1].startswith("error: closed")
 
 
-@pytest.mark.parametrize("code", [0, 1])
-def test_it_opens_what_it_made(folder, run, monkeypatch, code):
+@pytest.mark.parametrize("way", ["opened", "no viewer", "no desktop"])
+def test_it_opens_what_it_made(folder, run, monkeypatch, way):
     """Where there is no viewer a note tells; the picture is there all the same."""
     opened = []
-    monkeypatch.setattr(click, "launch", lambda path: opened.append(path) or code)
+    monkeypatch.setattr(click, "launch", lambda path: opened.append(path) or int(way == "no viewer"))
+    monkeypatch.setattr(console, "has_desktop", lambda: way != "no desktop")
     done = run(folder, "preview", "sheet.obj", "--open", *SMALL)
     assert done.returncode == 0
-    assert opened == ["sheet_preview.png"]
-    assert ("no viewer was found" in done.stderr) == bool(code)
+    assert opened == ([] if way == "no desktop" else ["sheet_preview.png"])
+    assert ("sheet_preview.png: no viewer was found to open it" in done.stderr) == (way != "opened")
+    assert (folder / "sheet_preview.png").is_file()
 
 
 @pytest.mark.parametrize("backend", ["gl", "ray"])

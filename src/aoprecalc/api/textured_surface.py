@@ -6,6 +6,7 @@
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -42,7 +43,7 @@ class TexturedSurface:
 
     scene      with the roles of its parts
     picture    the texture
-    atlas      its UVs, and the faces that it covers: some, all of them with area
+    mapped     (f,) bool: the faces that it covers: some, all of them with area
     options    what its values should be: the options that were given, else those of the bake, else the defaults
     taken      the words of a command line for what was taken from the bake and is no default
     warnings   for the user
@@ -50,7 +51,7 @@ class TexturedSurface:
 
     scene: Scene
     picture: OcclusionTexture
-    atlas: Atlas
+    mapped: BoolArray
     options: ValueOptions
     taken: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -65,9 +66,14 @@ class TexturedSurface:
         baked, missing = _known_parts(scene, picture.options, picture.name, given)
         options = given.value_options(baked)
         scene = assign_roles(scene, options)
-        atlas, left_out = _atlas(scene, picture)
+        mapped, left_out = _mapped(scene, picture)
         taken = () if baked is None else verify_words(options, given)
-        return cls(scene, picture, atlas, options, taken, (*picture.warnings, *missing, *left_out))
+        return cls(scene, picture, mapped, options, taken, (*picture.warnings, *missing, *left_out))
+
+    @cached_property
+    def atlas(self) -> Atlas:
+        """Its UVs with their charts, which takes longer to find than a picture to draw."""
+        return atlas_from_uvs(self.scene, self.picture.uvs, self.mapped)
 
     def coverage(self) -> BoolArray:
         """Return the texels of the texture that the surface covers at least in part, (height, width) bool."""
@@ -79,7 +85,7 @@ class TexturedSurface:
     def overlap(self) -> float:
         """Return the share of the covered texels that lie inside two triangles; not those that instances share."""
         owners = assign_roles(self.scene, self.options, share=True).parts
-        mapped = self.atlas.mapped & self.scene.per_face(part.uv_owner is None for part in owners)
+        mapped = self.mapped & self.scene.per_face(part.uv_owner is None for part in owners)
         height, width = self.picture.values.shape
         return CPURasterizer(build_layout(self.scene, replace(self.atlas, mapped=mapped), width, height)).overlap()
 
@@ -131,8 +137,8 @@ def verify_words(options: ValueOptions, given: VerifyOptions) -> tuple[str, ...]
     return tuple(words)
 
 
-def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, tuple[str, ...]]:
-    """Return the UVs with the faces that they map, and warnings about the others.
+def _mapped(scene: Scene, picture: OcclusionTexture) -> tuple[BoolArray, tuple[str, ...]]:
+    """Return the faces that a texture covers, (f,) bool, and warnings about the others.
 
     A face whose corners share one UV is not mapped: files without UVs for some faces have (0, 0) there.
     """
@@ -153,7 +159,7 @@ def _atlas(scene: Scene, picture: OcclusionTexture) -> tuple[Atlas, tuple[str, .
     if (without := np.count_nonzero(wanted & picture.shown & ~has_uvs)) > 0:
         have, are = one_or_many(without, "has", "have"), one_or_many(without, "is", "are")
         warnings.append(f"{without} of {faces} {have} no UVs in the texture and {are} left out")
-    return atlas_from_uvs(scene, picture.uvs, mapped), tuple(warnings)
+    return mapped, tuple(warnings)
 
 
 def find_texture(
@@ -245,7 +251,7 @@ def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> Me
         normals=_normals(surface.scene, surface.options),
         uvs=np.where(np.isfinite(picture.uvs), picture.uvs, 0.0),
         ao=picture.values,
-        textured=surface.atlas.mapped,
+        textured=surface.mapped,
     )
     about_texture = (*map(Note, surface.warnings), *_note_on_uv_set(surface, texture))
     messages = (*scene.notes, *scene.warnings, *about_texture)
@@ -345,7 +351,7 @@ def _check_that_it_belongs(surface: TexturedSurface, mesh: Mesh) -> None:
 
 def _seam_ratio(surface: TexturedSurface, values: Float32Array) -> float | None:
     """Return the difference across seams over that of random places; None where there is too little to tell."""
-    found = seam_difference(surface.scene, values, surface.picture.uvs, surface.atlas.mapped)
+    found = seam_difference(surface.scene, values, surface.picture.uvs, surface.mapped)
     if found is None or found.seams < _MIN_SEAMS or found.random < _MIN_CONTRAST:
         return None
     return found.across / found.random
