@@ -156,6 +156,7 @@ def test_a_bake_falls_to_rays_is_measured_and_compared(start, run):
     (note,) = (line for line in done.stderr.splitlines() if "tracing rays" in line)
     assert f"{'macOS' if start is MACOS else 'Windows'} has none that works without a display" in note
     assert json.loads(run(start, "verify", "ring_ao.glb", "--json").stdout)["levels"][0]["rmse"] < 0.1
+    assert run(start, "preview", "ring_ao.glb", "--size", "64").stdout.startswith("ring_ao_preview.png")
     run(start, "bake", "ring.off", *QUICK, "-o", "again/")
     run(start, "bake", "ring.off", *QUICK, "-o", "again/")  # over the files of the first
     run(start, "compare", "ring_ao.png", "again/ring_ao.png", "--tolerance", "0")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aoprecalc.cli import console
+from aoprecalc import system
 from aoprecalc.io import write_image
 from shapes import quad, quad_uvs
 
@@ -139,7 +139,7 @@ def test_it_opens_what_it_made(folder, run, monkeypatch, way):
     """Where there is no viewer a note tells; the picture is there all the same."""
     opened = []
     monkeypatch.setattr(click, "launch", lambda path: opened.append(path) or int(way == "no viewer"))
-    monkeypatch.setattr(console, "has_desktop", lambda: way != "no desktop")
+    monkeypatch.setattr(system, "has_desktop", lambda: way != "no desktop")
     done = run(folder, "preview", "sheet.obj", "--open", *SMALL)
     assert done.returncode == 0
     assert opened == ([] if way == "no desktop" else ["sheet_preview.png"])

@@ -12,7 +12,6 @@ from typing import Any
 import click
 
 from aoprecalc.progress import Progress
-from aoprecalc.system import has_desktop
 
 
 def annotate(level: str, message: str, *, file: Path | None = None) -> None:
@@ -95,6 +94,8 @@ class Console(Progress):
 
 def open_file(path: Path, console: Console) -> None:
     """Open a file in the system's viewer; a note tells where there is none."""
+    from aoprecalc.system import has_desktop
+
     if not has_desktop() or click.launch(str(path)) != 0:
         console.note(f"{path}: no viewer was found to open it")
 
