@@ -94,7 +94,7 @@ def test_imports_run_down_the_map(module):
         ("aoprecalc.mesh.roles", "def late():\n    from aoprecalc.uv.unwrap import unwrap", "not below"),
         ("aoprecalc.mesh.roles", "run('aoprecalc.api.checks')", "not below"),
         ("aoprecalc.types", "from aoprecalc import io", "not below"),
-        ("aoprecalc.metrics.flip", "from aoprecalc.spheres import fit", "not below"),
+        ("aoprecalc.metrics.errors", "from aoprecalc.spheres import fit", "not below"),
         ("aoprecalc.types", "from aoprecalc import bake", "public face"),
         ("aoprecalc.types", "import aoprecalc", "public face"),
         ("aoprecalc.types", "from .errors import UsageError", "relatively"),

@@ -19,6 +19,7 @@ __all__ = [
     "AoprecalcError",
     "ArgumentError",
     "AssetResult",
+    "BakeFigures",
     "BakeFiles",
     "BakeOptions",
     "BakeReport",
@@ -30,6 +31,7 @@ __all__ = [
     "CompareOptions",
     "CompareReport",
     "DoctorReport",
+    "Figures",
     "InputError",
     "Mesh",
     "OutputError",
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     from aoprecalc.api.bake_files import BakeFiles
     from aoprecalc.api.compare import CompareReport, compare
     from aoprecalc.api.doctor import DoctorReport, doctor
+    from aoprecalc.api.figures import BakeFigures, Figures
     from aoprecalc.api.mesh import Mesh, load
     from aoprecalc.api.preview import PreviewReport, PreviewResult, preview
     from aoprecalc.api.report import PageReport, write_report
@@ -91,6 +94,7 @@ else:
         "api.bake_files": ("BakeFiles",),
         "api.compare": ("CompareReport", "compare"),
         "api.doctor": ("DoctorReport", "doctor"),
+        "api.figures": ("BakeFigures", "Figures"),
         "api.mesh": ("Mesh", "load"),
         "api.preview": ("PreviewReport", "PreviewResult", "preview"),
         "api.report": ("PageReport", "write_report"),

@@ -74,6 +74,7 @@ def test_the_report_has_what_scripts_read(ring, tmp_path, run):
         "texture": "ring_ao.png",
         "mesh": "ring_ao.obj",
         "others": ["ring_ao.mtl"],
+        "figures": [],
         "references": [{"slot": "map_Kd", "materials": 1, "uvs": "vt", "packed": False}],
     }
     assert report["directions"] == 64

@@ -5,15 +5,14 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from aoprecalc.metrics import sphere_difference as spheres_module
+from aoprecalc.metrics import result_difference as spheres_module
 from aoprecalc.metrics.difference import (
     ComparedMesh,
     ComparedTexture,
-    document_difference,
     mesh_difference,
     picture_difference,
 )
-from aoprecalc.metrics.sphere_difference import spheres_difference
+from aoprecalc.metrics.result_difference import document_difference, spheres_difference
 from shapes import quad, quad_uvs
 
 RNG = np.random.default_rng(0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from aoprecalc.metrics.flip import flip
+from aoprecalc.metrics.difference import flip
 
 ROWS, COLUMNS = np.mgrid[0:90, 0:120]
 WAVES = 0.5 + 0.5 * np.sin(0.2 * COLUMNS) * np.cos(0.13 * ROWS)

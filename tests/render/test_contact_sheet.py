@@ -78,7 +78,8 @@ def test_equal_input_gives_equal_bytes():
 
 def test_pictures_are_fitted_to_cells():
     small = noise(10, 20)
-    np.testing.assert_array_equal(fit_picture(small, 70, 35), small.repeat(3, axis=0).repeat(3, axis=1))
+    np.testing.assert_array_equal(fit_picture(small, 60, 35), small.repeat(3, axis=0).repeat(3, axis=1))
+    assert fit_picture(noise(80, 40), 100, 100).shape == (100, 50, 3)
     assert fit_picture(noise(400, 200), 100, 100).shape == (100, 50, 3)
     sheet = contact_sheet([(small, ""), (noise(400, 200), "")], 2, cell_size=(100, 100))
     assert len(places(sheet, small.repeat(5, axis=0).repeat(5, axis=1))) == 1

@@ -5,6 +5,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
 from aoprecalc.api.bake_scene import bake_report, bake_scene
@@ -23,6 +26,9 @@ from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.types import Baked, BoolArray, Float32Array, Picture
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
+
+if TYPE_CHECKING:
+    from aoprecalc.api.figures import BakeFigures
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +157,39 @@ class BakeResult:
         texture = png_bytes(self.ao)
         return figure([image(self._shown, f"{name} with its AO", 450), image(texture, f"AO of {name}", 450)], line)
 
+    def figures(self, direction: ArrayLike | None = None, *, progress: Progress | None = None) -> "BakeFigures":
+        """Draw the figures of the report *Précalcul* for this mesh.
+
+        They are 1.1, the depth map along one direction, from both sides; 1.2, that direction in texture space; 1.3, the
+        finished texture; 1.4, the mesh rendered with it; and a sheet of them all.
+
+        Parameters
+        ----------
+        direction : array_like, (3,), optional
+            Towards the light, in the mesh's coordinates, of any length but 0. By default that of `FigureOptions`.
+        progress : Progress, optional
+            Receives stages.
+
+        Returns
+        -------
+        BakeFigures
+            Pictures, and the values that 1.1 and 1.2 show; `save` writes them.
+
+        Raises
+        ------
+        ArgumentError
+            If `direction` is not three finite numbers, or is 0.
+        RendererError
+            If there is no way to render, see `doctor`.
+
+        Examples
+        --------
+        >>> result.figures((0, 1, 0)).save("figures/")  # doctest: +SKIP
+        """
+        from aoprecalc.api.figures import figures_of_bake
+
+        return figures_of_bake(self._baked, self._options, direction, self.mesh.name, progress or Progress())
+
 
 def bake(
     mesh: MeshLike, options: BakeOptions | None = None, *, verify: bool = False, progress: Progress | None = None
@@ -234,6 +273,8 @@ def bake_file(
     report: Output | None = None,
     stem: str | None = None,
     verify: bool = False,
+    figures: Output | None = None,
+    figure_direction: tuple[float, float, float] | None = None,
     outputs: Outputs | None = None,
     make_visibility: VisibilityFactory = LocalVisibility,
     options: BakeOptions | None = None,
@@ -244,6 +285,8 @@ def bake_file(
     output            see `BakeResult.save`, or an image and a mesh; by default <stem>_ao.png in the current folder
     stem              of default names; None: the mesh's
     verify            measure the texture that was written, for the report
+    figures           a folder for the figures, see `BakeResult.figures`, whose names begin with the stem; None: none
+    figure_direction  see `FigureOptions`
     outputs           receives the files, which the caller then moves to their places; None: they appear at the end
     make_visibility   see `bake_scene`
     Either all files appear, or none and what `bake` and `BakeResult.save` raise is raised.
@@ -251,11 +294,18 @@ def bake_file(
     options, progress = options or BakeOptions(), progress or Progress()
     mesh, timer = Path(mesh), StageTimer(progress)
     plan = plan_bake(stem or mesh.stem, output, mesh_output, report, options)
+    drawn = None
+    if figures is not None:
+        from aoprecalc.api.figures import BAKE_FIGURES, FigureFiles, figures_of_bake
+
+        drawn = FigureFiles.plan(figures, stem or mesh.stem, BAKE_FIGURES)
     if verify:
         require_embreex()
     with Outputs() if outputs is None else nullcontext(outputs) as outputs, TemporaryDirectory() as scratch:
         outputs.protect([mesh])
         plan.claim(outputs)
+        if drawn is not None:
+            drawn.claim(outputs)
         with timer.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
@@ -263,12 +313,17 @@ def bake_file(
         baked = bake_scene(scene, options, progress, timer, make_visibility)
         with timer.stage("write"):
             written = plan.write(outputs, baked, Path(scratch))
+        named = written.outputs(outputs)
+        if drawn is not None:
+            with timer.stage("figures"):
+                drawn.write(outputs, figures_of_bake(baked, options, figure_direction, mesh.stem, Progress()))
+            named = replace(named, figures=tuple(map(str, drawn.paths)))
         messages = (*_messages(baked), *written.messages)
         errors = None
         if verify:
             errors = _measure(baked, read_image(written.texture), options, progress, timer)
             messages += _notes_on_shared_uvs(baked)
-        document = bake_report(baked, options, written.outputs(outputs), errors, timer.seconds(), messages)
+        document = bake_report(baked, options, named, errors, timer.seconds(), messages)
         if plan.report is not None:
             write_json(outputs.path(plan.report.path), document.to_dict())
     tell(progress, messages)

@@ -65,7 +65,12 @@ class WrittenBake:
         texture, mesh = self.files.texture, self.files.mesh
         named = {path.resolve() for path in (texture, mesh) if path is not None}
         others = sorted(str(mesh.parent / path.name) for path in outputs.files if path not in named)
-        return BakeOutputs(None if texture is None else str(texture), str(mesh), tuple(others), self.references)
+        return BakeOutputs(
+            texture=None if texture is None else str(texture),
+            mesh=str(mesh),
+            others=tuple(others),
+            references=self.references,
+        )
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,10 @@ from aoprecalc.metrics.difference import (
     ComparedMesh,
     ComparedTexture,
     Difference,
-    document_difference,
     mesh_difference,
     picture_difference,
 )
-from aoprecalc.metrics.sphere_difference import spheres_difference
+from aoprecalc.metrics.result_difference import document_difference, spheres_difference
 from aoprecalc.options import CompareOptions, ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, notes_of, tell, warnings_of

@@ -163,12 +163,14 @@ class BakeOutputs(Report):
 
     texture      None also where the texture is inside the mesh, a GLB
     others       files that go with the mesh: .mtl, .bin, images
+    figures      pictures of `--figures`, their sheet last
     references   empty before the files are saved
     """
 
     texture: str | None = None
     mesh: str | None = None
     others: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()
     references: tuple[AoReference, ...] = ()
 
 

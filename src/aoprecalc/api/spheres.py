@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,9 @@ from aoprecalc.options import PreviewOptions, SphereOptions, names_extensions
 from aoprecalc.progress import Progress, tell
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.types import Float64Array, Picture, Scene, SphereSet
+
+if TYPE_CHECKING:
+    from aoprecalc.api.figures import Figures
 
 Output = str | PathLike[str]
 
@@ -116,6 +119,31 @@ class SphereResult:
 
         mesh = Mesh._of(self._scene, self._scene.positions, self._scene.faces, self._name)
         return preview(mesh, options, spheres=self.spheres).image
+
+    def figures(self, *, progress: Progress | None = None) -> "Figures":
+        """Draw figure 1.5 of the report *Précalcul* for this mesh.
+
+        They show the samples of its surface, the mesh, and as many spheres by each of the report's methods, lloyd and
+        algebraic, and by the method that was used if it is another, each with its soft shadow; and a sheet of them all.
+
+        Parameters
+        ----------
+        progress : Progress, optional
+            Receives stages.
+
+        Returns
+        -------
+        Figures
+            Pictures; `save` writes them.
+
+        Raises
+        ------
+        RendererError
+            If there is no way to render, see `doctor`.
+        """
+        from aoprecalc.api.figures import figures_of_spheres
+
+        return figures_of_spheres(self._scene, self.spheres, self.quality, self._name, progress or Progress())
 
     @cached_property
     def _shown(self) -> bytes | None:
@@ -272,6 +300,7 @@ def fit_spheres_file(
     mesh: str | PathLike[str],
     output: Output | tuple[Output, ...] | None = None,
     *,
+    figures: Output | None = None,
     outputs: Outputs | None = None,
     options: SphereOptions | None = None,
     progress: Progress | None = None,
@@ -279,6 +308,7 @@ def fit_spheres_file(
     """Fit spheres to a mesh file and write them, all files or none; the outputs are checked before the work.
 
     output   see `SphereResult.save`, or several; by default <stem>_spheres.json in the current folder
+    figures  a folder for the figures, see `SphereResult.figures`; None: none
     outputs  receives the files, which the caller then moves to their places; None: they appear at the end
     Raises what `fit_spheres` and `SphereResult.save` raise; then no file is left behind.
     """
@@ -286,16 +316,26 @@ def fit_spheres_file(
     mesh = Path(mesh)
     given = output or (None,) if isinstance(output, tuple) else (output,)
     paths = tuple(_sphere_path(wanted, mesh.stem, has_levels=bool(options.levels)) for wanted in given)
+    drawn = None
+    if figures is not None:
+        from aoprecalc.api.figures import FigureFiles, sphere_figure_names
+
+        drawn = FigureFiles.plan(figures, mesh.stem, sphere_figure_names(options.method))
     with Outputs() if outputs is None else nullcontext(outputs) as outputs:
         outputs.protect([mesh])
         for wanted, path in zip(given, paths, strict=True):
             claim_output(outputs, wanted, path)
+        if drawn is not None:
+            drawn.claim(outputs)
         with progress.stage("load"):
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         result = _fit(scene, mesh.stem, options, progress)
         for path in paths:
             result._write(outputs, path)
+        if drawn is not None:
+            with progress.stage("figures"):
+                drawn.write(outputs, result.figures())
     _warn(scene, progress)
     return paths, result
 

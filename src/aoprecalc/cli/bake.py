@@ -6,8 +6,8 @@ import click
 
 from aoprecalc.cli.console import Console, say
 from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
-from aoprecalc.errors import counted
-from aoprecalc.options import BakeOptions
+from aoprecalc.errors import ArgumentError, counted
+from aoprecalc.options import BakeOptions, FigureOptions
 
 if TYPE_CHECKING:
     from aoprecalc.api.reports import BakeReport
@@ -43,6 +43,15 @@ if TYPE_CHECKING:
     help="Measure the texture against ray tracing, for the report.",
 )
 @option("--report", metavar="FILE", group="Output", help="Write what was read, chosen and measured as JSON.")
+@option(
+    "--figures",
+    metavar="DIR",
+    group="Output",
+    help="Draw the figures of the report Précalcul for MESH into a folder, as PNG.",
+    more="A depth map, its direction in texture space, the texture, the mesh rendered with it, and a sheet of them "
+    "all. The folder is made where it is missing.",
+)
+@options_of(FigureOptions)
 @options_of(BakeOptions)
 @output_options
 def bake(mesh: str, **given: Any) -> None:
@@ -54,10 +63,19 @@ def bake(mesh: str, **given: Any) -> None:
     from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    outputs = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify")}
+    outputs = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify", "figures")}
     as_json = given.pop("as_json")
-    options = take(BakeOptions, given)
-    result = bake_file(mesh, **outputs, options=options, progress=console)
+    options, figure_options = take(BakeOptions, given), take(FigureOptions, given)
+    if outputs["figures"] is None and figure_options.figure_direction is not None:
+        raise ArgumentError(
+            "figure_direction",
+            "is for {figures}, which was not given; add it, or omit {figure_direction}",
+            "figures",
+            "figure_direction",
+        )
+    result = bake_file(
+        mesh, **outputs, figure_direction=figure_options.figure_direction, options=options, progress=console
+    )
     files, report = result.files, result.report
     if as_json:
         click.echo(json_text(report.to_dict()), nl=False)
@@ -73,6 +91,8 @@ def bake(mesh: str, **given: Any) -> None:
     others = "".join(f" + {name}" for name in report.outputs.others)
     say(f"{files.mesh}{others}  {counted(report.input.triangles, 'triangle')}")
     say(_where(report))
+    if report.outputs.figures:
+        say(f"{report.outputs.figures[-1]}  figures, and {len(report.outputs.figures) - 1} pictures beside it")
 
 
 def _where(report: "BakeReport") -> str:

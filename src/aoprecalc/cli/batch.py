@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from aoprecalc.pipeline import BatchResult
 
 # Options of bake and spheres that batch sets itself.
-_SET_BY_BATCH = {"mesh_output", "report", "measure", "as_json", "quiet", "verbose"}
+_SET_BY_BATCH = {"mesh_output", "report", "figures", "figure_direction", "measure", "as_json", "quiet", "verbose"}
 
 
 class _BatchCommand(Command):

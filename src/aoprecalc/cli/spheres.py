@@ -1,5 +1,6 @@
 """`aoprecalc spheres`."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -40,12 +41,21 @@ if TYPE_CHECKING:
     "collisions, all joints at zero; of .yml (cuRobo) the spheres of its one link; of .usda the Sphere prims, where "
     "files of other programs need usd-core.",
 )
+@option(
+    "--figures",
+    metavar="DIR",
+    group="Output",
+    help="Draw the samples, the spheres of the methods lloyd, algebraic and METHOD, and their shadows, as PNG.",
+    more="As in figure 1.5 of the report Précalcul, with a sheet of them all. Each method fits as many spheres. The "
+    "folder is made where it is missing.",
+)
 @output_options
 def spheres(mesh: str, **given: Any) -> None:
     """Fit spheres to MESH ({meshes}), for soft shadows or collisions.
 
     Writes them in the mesh's own coordinates, in the format of the output's extension.
     """
+    from aoprecalc.api.figures import FigureFiles
     from aoprecalc.api.spheres import fit_spheres_file, measure_sphere_file
     from aoprecalc.io.sphere_files import quality_document
 
@@ -55,13 +65,14 @@ def spheres(mesh: str, **given: Any) -> None:
         _refuse_others(set(given) - {"samples", "seed"} | {"output"})
         options = SphereOptions(1, samples=given["samples"], seed=given["seed"])
         count, quality = measure_sphere_file(mesh, measured, options, console)
-        figures = quality.to_dict()
+        numbers = quality.to_dict()
         if as_json:
-            click.echo(quality_document(count, figures), nl=False)
+            click.echo(quality_document(count, numbers), nl=False)
             return
-        say(f"{measured}  {counted(count, 'sphere')}", _summary(quality), *_table(figures))
+        say(f"{measured}  {counted(count, 'sphere')}", _summary(quality), *_table(numbers))
         return
-    paths, result = fit_spheres_file(mesh, output, options=take(SphereOptions, given), progress=console)
+    figures, options = given.pop("figures"), take(SphereOptions, given)
+    paths, result = fit_spheres_file(mesh, output, figures=figures, options=options, progress=console)
     if as_json:
         click.echo(result.to_json(), nl=False)
         return
@@ -72,6 +83,9 @@ def spheres(mesh: str, **given: Any) -> None:
         effort = f"after {counted(fitted.iterations, 'step')}"
     say(f"{' + '.join(map(str, paths))}  {_sizes(fitted)}, {effort}")
     say(_summary(quality))
+    if figures is not None:
+        sheet = FigureFiles.plan(figures, Path(mesh).stem, ()).paths[-1]
+        say(f"{sheet}  figures, and the pictures of each beside it")
 
 
 def _refuse_others(names: set[str]) -> None:

@@ -1,14 +1,11 @@
-"""Differences between two pictures, two meshes with ambient occlusion, or two JSON documents."""
+"""Differences between two pictures, with FLIP, and between two meshes with ambient occlusion."""
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from scipy.ndimage import correlate1d
 
-from aoprecalc.errors import counted, one_or_many
-from aoprecalc.metrics.flip import flip
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 
 Answer = Literal["equal", "near", "different"]
@@ -249,81 +246,104 @@ def _max_distance(first: Float64Array | Float32Array, second: Float64Array | Flo
     return float(np.nan_to_num(distances, nan=0.0).max())
 
 
-# JSON documents.
+# FLIP, a perceptual difference of two pictures shown in alternation, for grey pictures: Andersson, Nilsson,
+# Akenine-Möller, Oskarsson, Åström, Fairchild, FLIP: A Difference Evaluator for Alternating Images, 2020, for low
+# dynamic range. Both opponent colour channels of a grey picture are 0 before and after any filter, so only the
+# achromatic channel remains.
 
-IGNORED_KEYS = frozenset({"seconds", "version", "renderer", "path", "outputs"})  # depend on the time or the machine
-_MAX_LISTED = 10  # differing leaves in the details
+PIXELS_PER_DEGREE = 67  # of visual angle: a display 0.7 m wide, of 3840 pixels, at a distance of 0.7 m
 
-_MISSING = object()
+_CSF_B = 0.0047  # contrast sensitivity of the achromatic channel: the paper's b1, in square degrees
+_MAX_CSF_B = 0.04  # the same of the blue-yellow channel, which determines the filter size of all channels
+_FEATURE_WIDTH = 0.082  # degrees, of the edges and points that are detected
+_QC, _QF = 0.7, 0.5  # exponents of colour and feature differences
+_PC, _PT = 0.4, 0.95  # knee of the colour error: fraction of the maximum difference, and the error assigned to it
+_CMAX = 41.27610  # HyAB distance of Hunt-adjusted green and blue, to the power q_c: the paper's c_max
+_CHUNK_ROWS = 512  # processed at once, to bound memory
 
 
-def document_difference(first: Any, second: Any) -> Difference:
-    """Compare JSON documents leaf by leaf, except what is under a key of IGNORED_KEYS.
+def flip(first: Float32Array, second: Float32Array, pixels_per_degree: float = PIXELS_PER_DEGREE) -> Float32Array:
+    """Return the perceived difference of two pictures at each pixel, (h, w) float32 in [0, 1].
 
-    The value is the maximum of |a - b| / max(1, |a|, |b|) over numbers. Documents that differ in anything else, such as
-    texts, keys or the lengths of lists, are incomparable.
+    first, second       (h, w), finite, linear grey; clamped to [0, 1]
+    pixels_per_degree   > 0: of visual angle
+
+    The difference of black and white is 0.967: only saturated colours reach 1. FLIP is symmetric.
     """
-    numbers, value, places, others = 0, 0.0, [], []
-    for path, a, b in _leaves(first, second):
-        difference = _leaf_difference(a, b)
-        numbers += _is_number(a) and _is_number(b)
-        if difference != 0:
-            value = max(value, difference or 0.0)
-            places.append({"at": path, "a": _leaf_summary(a), "b": _leaf_summary(b)})
-            others += [path] if difference is None else []
-    details = {
-        "numbers": numbers,
-        "differing": len(places),
-        "value": rounded(value),
-        "places": places[:_MAX_LISTED],
-    }
-    if others:
-        count = f"{counted(len(others), 'place')} {one_or_many(len(others), 'differs', 'differ')}"
-        return incomparable(f"{count} in more than a number, the first at {others[0]}", None, **details)
-    return Difference(value, equal=not places, details=details)
+    csf = _gaussian(np.sqrt(_CSF_B / 2) / np.pi, 3 * np.sqrt(_MAX_CSF_B / 2) / np.pi, pixels_per_degree)
+    feature_sigma = _FEATURE_WIDTH / 2
+    gaussian = _gaussian(feature_sigma, 3 * feature_sigma, pixels_per_degree)
+    edge, point = _edge_kernel(gaussian), _point_kernel(gaussian, feature_sigma * pixels_per_degree)
+    halo = max(len(csf), len(gaussian)) // 2
+    result = np.empty(first.shape, np.float32)
+    for start in range(0, len(first), _CHUNK_ROWS):
+        top = max(0, start - halo)
+        rows = slice(top, start + _CHUNK_ROWS + halo)
+        a, b = (np.clip(picture[rows].astype(np.float64), 0, 1) for picture in (first, second))
+        colour = _colour_difference(a, b, csf)
+        feature = np.maximum(
+            np.abs(_feature_magnitude(a, edge, gaussian) - _feature_magnitude(b, edge, gaussian)),
+            np.abs(_feature_magnitude(a, point, gaussian) - _feature_magnitude(b, point, gaussian)),
+        )
+        feature = np.clip(feature / np.sqrt(2), 0, 1) ** _QF
+        result[start : start + _CHUNK_ROWS] = (colour ** (1 - feature))[start - top :][:_CHUNK_ROWS]
+    return result
 
 
-def _leaves(first: Any, second: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Yield the path of each leaf and its value in either document, in the order of the first.
-
-    Lists of different lengths and values that only one document has are leaves.
-    """
-    stack: list[tuple[str, Any, Any]] = [("", first, second)]  # no recursion, as documents may be nested deeply
-    while stack:
-        path, a, b = stack.pop()
-        if isinstance(a, dict) and isinstance(b, dict):
-            keys = [key for key in {**a, **b} if key not in IGNORED_KEYS]
-            children = [(f"{path}.{key}".lstrip("."), a.get(key, _MISSING), b.get(key, _MISSING)) for key in keys]
-            stack += reversed(children)
-        elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-            stack += reversed([(f"{path}[{index}]", *items) for index, items in enumerate(zip(a, b, strict=True))])
-        else:
-            yield path, a, b
+def _colour_difference(first: Float64Array, second: Float64Array, csf: Float64Array) -> Float64Array:
+    """Return the colour difference of pictures, (h, w) in [0, 1], after the contrast sensitivity filter."""
+    a, b = (_lightness(_filter(picture, csf, csf)) for picture in (first, second))
+    power = np.abs(a - b) ** _QC
+    knee = _PC * _CMAX
+    above = _PT + (power - knee) / (_CMAX - knee) * (1 - _PT)
+    difference: Float64Array = np.where(power < knee, power * (_PT / knee), above)
+    return difference
 
 
-def _leaf_difference(a: Any, b: Any) -> float | None:
-    """Return the relative difference of two leaves; None if they differ and are not both finite numbers."""
-    if _is_number(a) and _is_number(b):
-        if a == b:
-            return 0.0
-        try:
-            difference = abs(a - b) / max(1, abs(a), abs(b))
-        except OverflowError:  # integers may have any number of digits
-            return None
-        return float(difference) if math.isfinite(difference) else None
-    return 0.0 if type(a) is type(b) and a == b else None
+def _feature_magnitude(picture: Float64Array, kernel: Float64Array, gaussian: Float64Array) -> Float64Array:
+    """Return the magnitude of edges or points in a picture, (h, w), in any direction."""
+    return np.hypot(_filter(picture, kernel, gaussian), _filter(picture, gaussian, kernel))
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _filter(picture: Float64Array, x_kernel: Float64Array, y_kernel: Float64Array) -> Float64Array:
+    """Filter a picture by a separable kernel; pixels outside repeat the border."""
+    rows: Float64Array = correlate1d(picture, x_kernel, axis=1, mode="nearest")
+    filtered: Float64Array = correlate1d(rows, y_kernel, axis=0, mode="nearest")
+    return filtered
 
 
-def _leaf_summary(value: Any) -> Any:
-    """Return a leaf for a report: containers by their size, long texts cut, None if it is missing."""
-    if value is _MISSING:
-        return None
-    if isinstance(value, dict | list):
-        return counted(len(value), "key" if isinstance(value, dict) else "value")
-    if isinstance(value, str):
-        return value if len(value) <= 80 else f"{value[:77]}..."
-    return value
+def _lightness(luminance: Float64Array) -> Float64Array:
+    """Return CIE L*, 0 to 100, of linear luminance, 0 to 1."""
+    delta = 6 / 29
+    root = np.where(luminance > delta**3, np.cbrt(luminance), luminance / (3 * delta**2) + 4 / 29)
+    lightness: Float64Array = 116 * root - 16
+    return lightness
+
+
+def _gaussian(sigma: float, radius: float, pixels_per_degree: float) -> Float64Array:
+    """Return a Gaussian kernel of sum 1; `sigma` and `radius` are in degrees."""
+    x = _offsets(int(np.ceil(radius * pixels_per_degree))) / pixels_per_degree
+    weights = np.exp(-(x**2) / (2 * sigma**2))
+    gaussian: Float64Array = weights / weights.sum()
+    return gaussian
+
+
+def _edge_kernel(gaussian: Float64Array) -> Float64Array:
+    """Return the first derivative of a Gaussian, scaled so that positive weights sum to 1 and negative ones to -1."""
+    return _balanced(-_offsets(len(gaussian) // 2) * gaussian)
+
+
+def _point_kernel(gaussian: Float64Array, sigma: float) -> Float64Array:
+    """Return the second derivative of a Gaussian, `sigma` in pixels, scaled in the same way."""
+    return _balanced(((_offsets(len(gaussian) // 2) / sigma) ** 2 - 1) * gaussian)
+
+
+def _offsets(radius: int) -> Float64Array:
+    """Return the offsets of a kernel's weights from its centre, in pixels."""
+    return np.arange(-radius, radius + 1, dtype=np.float64)
+
+
+def _balanced(weights: Float64Array) -> Float64Array:
+    positive, negative = weights.clip(min=0), weights.clip(max=0)
+    balanced: Float64Array = positive / positive.sum() - negative / negative.sum()
+    return balanced

@@ -28,6 +28,7 @@ from aoprecalc.options.bake import (  # fmt: skip
 from aoprecalc.options.others import (  # fmt: skip
     BatchOptions,
     CompareOptions,
+    FigureOptions,
     Init,
     Method,
     PreviewOptions,
@@ -51,6 +52,7 @@ __all__ = [
     "BitDepth",
     "CompareOptions",
     "Estimator",
+    "FigureOptions",
     "Fill",
     "Init",
     "Instances",

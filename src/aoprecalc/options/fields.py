@@ -11,20 +11,21 @@ from collections.abc import Callable
 from dataclasses import InitVar, dataclass, replace
 from functools import cache
 from inspect import get_annotations
-from math import inf
+from math import inf, isfinite
 from numbers import Integral, Real
 from textwrap import wrap
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from aoprecalc.errors import ArgumentError
 
-Kind = Literal["flag", "choice", "names", "integers", "size", "integer", "number", "text"]
+Kind = Literal["flag", "choice", "names", "integers", "vector", "size", "integer", "number", "text"]
 # Kind of value -> its type in docstrings, what is expected in messages.
 _WORDS: dict[Kind, tuple[str, str]] = {
     "flag": ("bool", "true or false"),
     "choice": ("{{{choices}}}", "one of {choices}"),
     "names": ("tuple of str", "a list of names"),
     "integers": ("tuple of int", "a list of whole numbers"),
+    "vector": ("(float, float, float)", "three finite numbers, not all 0"),
     "size": ("int or (int, int)", "a whole number{bounds}, or a width and a height"),
     "integer": ("int", "a whole number{bounds}"),
     "number": ("float", "a number{bounds}"),
@@ -109,7 +110,8 @@ class OptionField:
         if origin is Literal:
             return "choice"
         if origin is tuple:
-            return "names" if arguments[0] is str else "integers"
+            kinds_of_entries: dict[Any, Kind] = {str: "names", float: "vector"}
+            return kinds_of_entries.get(arguments[0], "integers")
         kinds: dict[Any, Kind] = {bool: "flag", int: "integer", float: "number", str: "text"}
         return kinds.get(self.type, "size")
 
@@ -168,6 +170,10 @@ class OptionField:
                 return names
         if self.kind == "integers":
             return tuple(self._number(entry) for entry in value)
+        if self.kind == "vector":
+            vector = tuple(float(self._number(entry)) for entry in value)
+            if len(vector) == 3 and any(vector) and all(map(isfinite, vector)):
+                return vector
         if self.kind == "size":
             width, height = value if isinstance(value, tuple | list) else (value, value)
             return self._number(width), self._number(height)
@@ -177,7 +183,7 @@ class OptionField:
 
     def _number(self, value: Any) -> int | float:
         """Return a number in the range; raises TypeError or ValueError."""
-        whole = self.kind != "number"
+        whole = self.kind not in ("number", "vector")
         accepted: Any = Integral if whole else Real
         if isinstance(value, bool) or not isinstance(value, accepted):
             raise TypeError
@@ -309,6 +315,13 @@ def _read_levels(text: str) -> tuple[int, ...]:
     return tuple(int(count) for count in _match(r"\d{1,9}\s*(,\s*\d{1,9}\s*)*", text)[0].split(","))
 
 
+def _read_vector(text: str) -> tuple[float, ...]:
+    vector = tuple(float(number) for number in text.split(","))
+    if len(vector) != 3 or not any(vector) or not all(map(isfinite, vector)):
+        raise ValueError
+    return vector
+
+
 def _read_bytes(text: str) -> int:
     match = _match(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT])(?:i?B)?", text)
     return int(float(match[1]) * 1024 ** (1 + "KMGT".index(match[2].upper())))
@@ -331,6 +344,12 @@ SHADOW_SIZE = Quantity(
 )
 LEVELS = Quantity(
     _read_levels, lambda levels: ",".join(map(str, levels)), "numbers of spheres such as 8,32,128", "N,N,..."
+)
+VECTOR = Quantity(
+    _read_vector,
+    lambda vector: ",".join(f"{number!r}" for number in vector),
+    "three numbers, not all 0, such as 1,0.5,-2",
+    "X,Y,Z",
 )
 # K, M, G and T are powers of 1024; so are KB, KiB, ...
 BYTES = Quantity(_read_bytes, _write_bytes, "an amount of memory with K, M, G or T, such as 1.5G", "SIZE")

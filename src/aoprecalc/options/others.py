@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.bake import Backend, ThreadsField, Up
-from aoprecalc.options.fields import BYTES, LEVELS, SIZE, Option, Validated, documented, option_field
+from aoprecalc.options.fields import BYTES, LEVELS, SIZE, VECTOR, Option, Validated, documented, option_field
 
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
@@ -155,6 +155,18 @@ class PreviewOptions(Validated):
             raise ArgumentError("turntable", "and {views} both say which views to draw; use one of them", "views")
         if not self.turntable and self.frames != PreviewOptions.frames:
             raise ArgumentError("frames", "are those of a {turntable}; add it, or omit {frames}", "turntable", "frames")
+
+
+@documented
+@dataclass(frozen=True)
+class FigureOptions(Validated):
+    """The figures of a bake."""
+
+    figure_direction: Annotated[tuple[float, float, float] | None, Option(
+        "Direction towards the light of `--figures`, in the mesh's coordinates.", group="Output", quantity=VECTOR,
+        default_text="towards the camera of previews",
+        more="Its length does not matter. By default it points 24 degrees to the right of the front (+z) and 20 "
+        "degrees upwards.")] = None
 
 
 @documented

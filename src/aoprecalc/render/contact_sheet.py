@@ -17,6 +17,7 @@ Ticks = Sequence[tuple[float, str]]  # where along a scale, in [0, 1], and the w
 PAGE, INK, SOFT = (250, 250, 248), (32, 35, 40), (92, 97, 104)  # contrast on PAGE: 15 and 6
 MAT = (238, 238, 235)  # around pictures that are smaller than their cells
 _RIM = (160, 160, 158)  # around scales, whose colours may be those of the page
+_SHARP = 3  # from this magnification on pixels are shown as squares
 _LEADING = 1.32  # distance of lines over the size of their type
 _MIN_TYPE, _MAX_TYPE, _TYPE_SHARE = 13, 34, 1 / 26  # pixels; share of a cell's width
 
@@ -34,8 +35,8 @@ def contact_sheet(
                 follows its first line break is an explanation, in a softer colour
     columns     at least 1
     title       above the first row; empty: none
-    cell_size   width and height of every cell: larger pictures are reduced, smaller ones enlarged by a whole factor.
-                None: the largest width and height among the pictures, which keep their sizes
+    cell_size   width and height of every cell, into which pictures are fitted, see `fit_picture`. None: the largest
+                width and height among the pictures, which keep their sizes
 
     The same input gives the same bytes. Returns (height, width, 3) uint8 sRGB.
     """
@@ -102,18 +103,15 @@ def with_scale(picture: Picture, colors: Picture, ticks: Ticks) -> Picture:
 
 
 def fit_picture(picture: Picture, width: int, height: int) -> Picture:
-    """Reduce a picture that is larger than width x height; enlarge a smaller one, by a whole factor, if there is room.
-
-    Enlarged pixels stay sharp squares.
-    """
+    """Scale a picture to the largest size within width x height; pixels of very small ones become sharp squares."""
     rows, columns = picture.shape[:2]
-    times = min(width // columns, height // rows)
-    if times >= 1:
-        return picture.repeat(times, axis=0).repeat(times, axis=1)
     share = min(width / columns, height / rows)
+    if share == 1:
+        return picture
     size = max(1, round(columns * share)), max(1, round(rows * share))
-    reduced: Picture = np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS))
-    return reduced
+    how = Image.Resampling.NEAREST if share >= _SHARP else Image.Resampling.LANCZOS
+    scaled: Picture = np.asarray(Image.fromarray(picture).resize(size, how))
+    return scaled
 
 
 def type_size(width: int) -> int:

@@ -1,6 +1,6 @@
 """Previews: a mesh with its ambient-occlusion texture, and its spheres, on a soft ground."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,7 +33,7 @@ _MAX_SAMPLES = 1 << 25  # drawn at once
 _TURN, _RISE, _RADIUS = -48.0, 52.0, np.radians(14.0)
 _GROUND_TURN, _GROUND_RISE, _GROUND_RADIUS = -62.0, 47.0, np.radians(10.0)  # where shadows are compared
 _FILL, _SHADOW_FILL = 0.84, 0.95  # share of the picture's width and height for the mesh, and for its shadow
-_SHADOW_REACH = 0.6  # share of the shadow that must be in the picture
+_SHADOW_SHARE = 0.6  # share of the shadow that must be in the picture
 _MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there is a ground
 _CENTER, _CORNER = np.array([0.92, 0.92, 0.915], np.float32), np.array([0.76, 0.77, 0.775], np.float32)  # backdrop
 _KEY_SHARE, _SKY_SHARE = 0.38, 0.52  # of the ground's light
@@ -69,37 +69,58 @@ def preview_pictures(
     RendererError
         Where there is neither OpenGL nor a ray tracer.
     """
-    up = options.up if options.up != "auto" else "z" if mesh.scene.format == "stl" else "y"
-    frame = PictureFrame.from_positions(mesh.scene.positions, up)
-    drawn = PictureMesh.from_mesh(mesh, frame)
-    balls = None if spheres is None else (frame.points(spheres[0]), spheres[1] / frame.radius)
-    points = _bounds(frame.points(mesh.scene.positions), balls)
-    ground = float(points[:, 1].min())
-    azimuths = _azimuths(options)
-    lights = [_light(azimuth, options.ground) for azimuth in azimuths]
-    panels = _panels(balls, options)
+    panels = _panels(spheres, options)
     width = -(-options.width // len(panels))
-    views = []
-    for azimuth, light in zip(azimuths, lights, strict=True):
-        axes = view_axes(azimuth, options.elevation)
-        reach = 0.0 if not _sees_ground(axes) else 1.0 if options.ground else _SHADOW_REACH
-        shadow = points + reach * (shadow_points(points, ground, light) - points)
-        views.append((axes, [(points, _FILL), (shadow, _SHADOW_FILL)]))
-    cameras = frame_views(views, width, options.height)
     pictures = []
     with (
-        open_drawers(drawn, options, progress) as (drawer, glass_drawer),
-        progress.stage("draw", len(cameras), "pictures"),
+        open_stage(mesh, [] if spheres is None else [spheres], width, options, progress) as stage,
+        progress.stage("draw", len(stage.cameras), "pictures"),
     ):
-        sphere_drawer = None if balls is None else SphereDrawer(*balls)
-        window = shadow_window(points, ground, lights)
-        stage = _Stage(drawn, drawer, glass_drawer, balls, sphere_drawer, points, ground, window, options)
-        for camera, light in zip(cameras, lights, strict=True):
-            drawings = [stage.draw(panel, camera, light) for panel in panels]
+        for view in range(len(stage.cameras)):
+            drawings = [stage.draw(panel, view) for panel in panels]
             drawings[0] = drawings[0][:, : options.width - width * (len(panels) - 1)]
             pictures.append(np.concatenate(drawings, axis=1))
             progress.advance()
     return pictures
+
+
+@contextmanager
+def open_stage(
+    mesh: TexturedMesh,
+    sets: Sequence[Spheres],
+    width: int,
+    options: PreviewOptions,
+    progress: Progress,
+    reach: float = np.inf,
+) -> Iterator["Stage"]:
+    """Put a mesh and sets of spheres on the ground, to draw them by the same cameras and lights.
+
+    width   of a panel
+    reach   radii beyond the mesh's bounding box to which spheres count for the framing; they may leave the picture
+    """
+    up = options.up if options.up != "auto" else "z" if mesh.scene.format == "stl" else "y"
+    frame = PictureFrame.from_positions(mesh.scene.positions, up)
+    drawn = PictureMesh.from_mesh(mesh, frame)
+    balls = [(frame.points(centers), radii / frame.radius) for centers, radii in sets]
+    of_mesh = frame.points(mesh.scene.positions)
+    points = _bounds(of_mesh, balls)
+    framed = np.clip(points, of_mesh.min(axis=0) - reach, of_mesh.max(axis=0) + reach)
+    ground = float(points[:, 1].min())
+    azimuths = _azimuths(options)
+    lights = [_light(azimuth, options.ground) for azimuth in azimuths]
+    views = []
+    for azimuth, light in zip(azimuths, lights, strict=True):
+        axes = view_axes(azimuth, options.elevation)
+        share = 0.0 if not _sees_ground(axes) else 1.0 if options.ground else _SHADOW_SHARE
+        shadow = framed + share * (shadow_points(framed, ground, light) - framed)
+        views.append((axes, [(framed, _FILL), (shadow, _SHADOW_FILL)]))
+    cameras = frame_views(views, width, options.height)
+    window = shadow_window(points, ground, lights)
+    sphere_drawers = [SphereDrawer(*ball) for ball in balls]
+    with open_drawers(drawn, options, progress) as (drawer, glass):
+        yield Stage(
+            frame, drawn, drawer, glass, balls, sphere_drawers, points, ground, window, cameras, lights, options
+        )
 
 
 @contextmanager
@@ -136,91 +157,102 @@ def _sees_ground(axes: Float64Array) -> bool:
 
 
 @dataclass(frozen=True)
-class _Panel:
-    """What a picture, or half of one, shows, and whether the spheres cast the shadow on the ground."""
+class Panel:
+    """What a picture, or a part of one, shows.
 
-    mesh: bool
-    spheres: bool
-    shadow_of_spheres: bool
+    mesh        the mesh
+    spheres     which set of spheres; None: no spheres
+    shadow_of   which set casts the shadow on the ground; None: the mesh
+    """
+
+    mesh: bool = True
+    spheres: int | None = None
+    shadow_of: int | None = None
 
 
-_MESH, _SPHERES = _Panel(True, False, False), _Panel(False, True, True)
-
-
-def _panels(spheres: Spheres | None, options: PreviewOptions) -> list[_Panel]:
+def _panels(spheres: Spheres | None, options: PreviewOptions) -> list[Panel]:
     """Return the panels of a picture, from left to right."""
     if spheres is None:
-        return [_MESH]
+        return [Panel()]
     if options.spheres_view == "beside":
-        return [_MESH, _SPHERES]
-    return [_MESH, _Panel(True, False, True)] if options.ground else [_Panel(True, True, False)]
+        return [Panel(), Panel(mesh=False, spheres=0, shadow_of=0)]
+    return [Panel(), Panel(shadow_of=0)] if options.ground else [Panel(spheres=0)]
 
 
-def _bounds(points: Float64Array, spheres: Spheres | None) -> Float64Array:
+def _bounds(points: Float64Array, sets: Sequence[Spheres]) -> Float64Array:
     """Return points, (k, 3), that bound the mesh and the spheres above the ground below it."""
-    if spheres is None:
-        return points
-    centers, radii = spheres
-    corners = [centers + radii[:, None] * (2 * np.array(signs) - 1) for signs in np.ndindex(2, 2, 2)]
+    corners = [
+        centers + radii[:, None] * (2 * np.array(signs) - 1) for centers, radii in sets for signs in np.ndindex(2, 2, 2)
+    ]
     bounds = np.concatenate([points, *corners])
     bounds[:, 1] = np.maximum(bounds[:, 1], points[:, 1].min())
     return bounds
 
 
 @dataclass(frozen=True, eq=False)
-class _Stage:
-    """What stands on the ground.
+class Stage:
+    """What stands on the ground, in the picture's frame, and the cameras and lights of each view.
 
-    points   (k, 3) float64: bounds of everything
-    ground   the ground's height
-    window   the part of the ground that has shadows, see GroundShadow
+    sets       sets of spheres
+    points     (k, 3) float64: bounds of everything
+    ground     the ground's height
+    window     the part of the ground that has shadows, see GroundShadow
     """
 
+    frame: PictureFrame
     mesh: PictureMesh
     mesh_drawer: SurfaceDrawer
     glass_drawer: SurfaceDrawer | None
-    spheres: Spheres | None
-    sphere_drawer: SurfaceDrawer | None
+    sets: Sequence[Spheres]
+    sphere_drawers: Sequence[SurfaceDrawer]
     points: Float64Array
     ground: float
     window: Float64Array
+    cameras: Sequence[Camera]
+    lights: Sequence[AreaLight]
     options: PreviewOptions
 
-    def draw(self, panel: _Panel, camera: Camera, light: AreaLight) -> Picture:
-        """Draw one panel."""
-        shadow = self._shadow(panel.shadow_of_spheres, light) if _sees_ground(camera.axes) else None
+    def draw(self, panel: Panel, view: int = 0) -> Picture:
+        """Draw one panel of a view."""
+        camera, light = self.cameras[view], self.lights[view]
+        shadow = self._shadow(panel.shadow_of, light) if _sees_ground(camera.axes) else None
         rows = max(_MAX_SAMPLES // (camera.width * _SAMPLES * _SAMPLES), 1)
         return np.concatenate([self._draw_band(panel, band, light, shadow) for band in camera.bands(rows)])
 
-    def _shadow(self, of_spheres: bool, light: AreaLight) -> GroundShadow:
-        caster = self.sphere_drawer if of_spheres and self.sphere_drawer else self.mesh_drawer
-        key = cast_shadow(caster, light.directions(), self.ground, self.window)
-        sky = self._sky_shadows[of_spheres]
-        return GroundShadow(self.ground, self.window, key, sky)
+    def depths(self, view: int = 0) -> Float32Array:
+        """Return the depth of the mesh along a view in each pixel, (height, width); inf where it is not seen."""
+        camera = self.cameras[view]
+        seen = self._fragments(self.mesh_drawer, camera, self.mesh.opaque.face_of)
+        along = shade(self.mesh, seen, camera, self.lights[view], "clay")[1]
+        return _nearest(along, seen, camera.width * camera.height).reshape(camera.shape)
+
+    def _shadow(self, caster: int | None, light: AreaLight) -> GroundShadow:
+        drawer = self.mesh_drawer if caster is None else self.sphere_drawers[caster]
+        key = cast_shadow(drawer, light.directions(), self.ground, self.window)
+        if caster not in self._sky_shadows:
+            self._sky_shadows[caster] = cast_shadow(drawer, sky_directions(), self.ground, self.window)
+        return GroundShadow(self.ground, self.window, key, self._sky_shadows[caster])
 
     @cached_property
-    def _sky_shadows(self) -> list[Float32Array]:
-        """The shadows in the light of the sky, of the mesh and of the spheres, if any."""
-        casters = [self.mesh_drawer, *([self.sphere_drawer] if self.sphere_drawer else [])]
-        return [cast_shadow(caster, sky_directions(), self.ground, self.window) for caster in casters]
+    def _sky_shadows(self) -> dict[int | None, Float32Array]:
+        """The shadows in the light of the sky that were cast so far, by their caster."""
+        return {}
 
-    def _draw_band(self, panel: _Panel, camera: Camera, light: AreaLight, shadow: GroundShadow | None) -> Picture:
+    def _draw_band(self, panel: Panel, camera: Camera, light: AreaLight, shadow: GroundShadow | None) -> Picture:
         linear = _backdrop(camera, shadow, self.options.ground).reshape(-1, 3)
         depth = np.full(len(linear), np.inf, np.float32)
         if panel.mesh:
             seen = self._fragments(self.mesh_drawer, camera, self.mesh.opaque.face_of)
             colors, along = shade(self.mesh, seen, camera, light, self.options.shading)
             _composite(linear, colors, seen.pixel, seen.weight)
-            first = np.flatnonzero(np.diff(seen.pixel, prepend=-1))
-            if len(first):
-                depth[seen.pixel[first]] = np.minimum.reduceat(along, first)
+            depth = _nearest(along, seen, len(linear))
         if panel.mesh and self.mesh.glass is not None and self.glass_drawer is not None:
             seen = self._fragments(self.glass_drawer, camera, self.mesh.glass.face_of)
             colors, along = shade(self.mesh, seen, camera, light, self.options.shading)
             _composite(linear, colors, seen.pixel, seen.weight * np.where(along < depth[seen.pixel], _GLASS, 0))
-        if panel.spheres and self.spheres is not None and self.sphere_drawer is not None:
-            seen = self._fragments(self.sphere_drawer, camera)
-            colors, along, facing = shade_spheres(*self.spheres, seen, camera, light)
+        if panel.spheres is not None:
+            seen = self._fragments(self.sphere_drawers[panel.spheres], camera)
+            colors, along, facing = shade_spheres(*self.sets[panel.spheres], seen, camera, light)
             weight = seen.weight
             if panel.mesh:
                 behind = np.clip((along - depth[seen.pixel]) / _MAX_BEHIND, 0, 1)
@@ -238,6 +270,15 @@ class _Stage:
         indices = drawer.visible(camera.clip_matrix(self.points), width * samples, height * samples)
         seen = fragments(indices, samples)
         return seen if face_of is None else replace(seen, index=face_of[seen.index])
+
+
+def _nearest(depths: Float32Array, seen: Fragments, pixels: int) -> Float32Array:
+    """Return the least depth of the fragments in each pixel, (pixels,); inf where there is none."""
+    nearest = np.full(pixels, np.inf, np.float32)
+    first = np.flatnonzero(np.diff(seen.pixel, prepend=-1))
+    if len(first):
+        nearest[seen.pixel[first]] = np.minimum.reduceat(depths, first)
+    return nearest
 
 
 def _composite(linear: Float32Array, colors: Float32Array, pixel: Int32Array, weight: Float32Array) -> None:

@@ -68,6 +68,12 @@ def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> 
     return spheres, quality
 
 
+def surface_samples(scene: Scene, count: int, seed: int) -> Float64Array:
+    """Return the samples to which `fit_sphere_set` fits spheres, (count, 3) in mesh coordinates."""
+    frame = NormalizedFrame.from_positions(scene.positions)
+    return frame.from_normalized(sample_points(scene, frame, count, 1, np.random.default_rng(seed)))
+
+
 def measure_quality(
     scene: Scene, centers: Float64Array, radii: Float64Array, options: SphereOptions, progress: Progress
 ) -> Quality:

@@ -16,7 +16,8 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import Layout, Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
-from aoprecalc.visibility.rays import RayTester, embreex_problem, require_embreex
+from aoprecalc.visibility.directions import Projections
+from aoprecalc.visibility.rays import RayTester, cast_depths, embreex_problem, require_embreex
 
 
 class VisibilityTester(Protocol):
@@ -52,6 +53,14 @@ class Backend(Protocol):
 
     def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
         """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any."""
+        ...
+
+    def depths(self, surface: NormalizedSurface, projection: Projections, size: int) -> Float32Array:
+        """Return the depths of a surface's occluders along one axis, (2, size, size) float32; NaN where there are none.
+
+        The first is the depth nearest to the axis' positive end at the centre of each map texel, the second that
+        nearest to its negative end; row 0 has the smallest map y. See `Projections`.
+        """
         ...
 
     def check_errors(self) -> None:
@@ -94,6 +103,12 @@ class GLBackend:
         self._renderer.context.gc()  # frees what an earlier tester has allocated
         return DepthMapTester(self._renderer, surface, max_samples, shadow_size)
 
+    def depths(self, surface: NormalizedSurface, projection: Projections, size: int) -> Float32Array:
+        """Draw a depth map and read it back."""
+        from aoprecalc.visibility.depth_maps import read_depths
+
+        return read_depths(self._renderer.context, surface.occluders, projection, size)
+
     def check_errors(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
         if self._renderer.context.error != "GL_NO_ERROR":
@@ -121,6 +136,10 @@ class RayBackend:
     def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
         """Return a RayTester."""
         return RayTester(surface, self._threads)
+
+    def depths(self, surface: NormalizedSurface, projection: Projections, size: int) -> Float32Array:
+        """Cast rays from both ends of the axis."""
+        return cast_depths(surface.occluders, projection, size, self._threads)
 
     def check_errors(self) -> None:
         """Do nothing: rays raise their errors at once."""

@@ -28,6 +28,8 @@ _SMALL_LOCAL_SIZE = 64
 _MAX_SMALL_TRIANGLES = 1 << 21  # in one dispatch: 65,535 work groups and buffers of 128 MB are allowed
 _TRIANGLE_BYTES = 36  # of its corners
 _R32UI = 0x8236  # of OpenGL: the bits of a float as an unsigned integer
+_READ_LOCAL_SIZE = 128
+_NOTHING = -2.0  # instead of a depth, which lies in [-1, 1]
 
 
 class DepthMaps:
@@ -41,7 +43,7 @@ class DepthMaps:
         self.capacity = 2 ** (tiles.bit_length() - 1)
         self._tile_origins = size * np.column_stack(np.divmod(np.arange(self.capacity), columns)[::-1])
         target_size = (size * columns, size * (self.capacity // columns))
-        self._context = context
+        self._context, self._size = context, size
         self._textures = [context.texture(target_size, 1, dtype="f4") for _ in range(2)]
         try:
             self._target = context.framebuffer(self._textures)
@@ -92,6 +94,21 @@ class DepthMaps:
             vertices = 3 * (len(self._longest) - small)
             self._triangles.render(moderngl.TRIANGLES, vertices, first=3 * small, instances=len(projections.rows))
             self._context.memory_barrier()  # before the images are read
+
+    def read(self) -> Float32Array:
+        """Return the depths of the first map that was rendered last, (2, size, size) float32; see `read_depths`."""
+        program = compute_program(
+            self._context, __package__, "depths.comp.glsl", LOCAL_SIZE=_READ_LOCAL_SIZE, NOTHING=_NOTHING
+        )
+        texels = self._size * self._size
+        depths = self._context.buffer(reserve=texels * 8)
+        self.bind()
+        depths.bind_to_storage_buffer(0)
+        program["size"] = self._size
+        program.run(-(-texels // _READ_LOCAL_SIZE))
+        self._context.memory_barrier()
+        pairs = np.frombuffer(depths.read(), np.float32).reshape(self._size, self._size, 2)
+        return np.where(pairs == _NOTHING, np.float32(np.nan), pairs).transpose(2, 0, 1)
 
     def bind(self) -> None:
         """Bind the maps as images 0 and 1, and their axes as uniform block 0."""
@@ -218,3 +235,10 @@ class DepthMapTester:
             self._receivers.gather()
             progress.advance(2 * len(batch.rows))
         return self._receivers.read_sums()
+
+
+def read_depths(context: moderngl.Context, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
+    """Return the depths of occluders along one axis, see `Backend.depths`."""
+    maps = DepthMaps(context, occluders, size)
+    maps.render(projection, maps.count_small(projection))
+    return maps.read()

@@ -28,6 +28,7 @@ _FINE_DIRECTIONS = 1000  # with as many directions maps of that fineness pay off
 _SIZING_AXES = 128  # over which the extent of maps is averaged
 
 _ROTATIONS = 16  # about the axis that are tried for the smallest rectangle
+_PARALLEL = 1e-3  # length of the product of two unit vectors below which they count as parallel
 _MARGIN = 1.0  # empty map texels around the occluders, so that no rounding draws into a neighbour's tile
 
 
@@ -171,6 +172,30 @@ def fit_projections(
     rows[:, 2, :3] = axes
     below = np.zeros(len(axes)) if ground_normal is None else -np.sign(axes @ ground_normal)
     return Projections(rows, pitch, below)
+
+
+def upright_projection(
+    direction: Float64Array, up: Float64Array, points: Float64Array, size: int, margin: float
+) -> Projections:
+    """Project along one direction for a picture: square map texels, and `up` points to the top.
+
+    direction   (3,) float64, a unit vector, towards the viewer
+    up          (3,) float64, a unit vector; another is taken where the two are nearly parallel
+    points      (h, 3): fitted into a map of `size` x `size` texels
+    margin      share of the map's side that stays empty at each side
+    """
+    right = np.cross(up, direction)
+    length = float(np.linalg.norm(right))
+    right = right / length if length > _PARALLEL else orthonormal_basis(direction[None])[0][0]
+    sides = np.stack([right, np.cross(direction, right)])
+    projected = points @ sides.T
+    low, high = projected.min(axis=0), projected.max(axis=0)
+    step = (float((high - low).max()) or 1.0) / (size * (1 - 2 * margin))
+    rows = np.zeros((1, 3, 4))
+    rows[0, :2, :3] = sides / step
+    rows[0, :2, 3] = size / 2 - (low + high) / 2 / step
+    rows[0, 2, :3] = direction
+    return Projections(rows, np.full((1, 2), step), np.zeros(1))
 
 
 def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -> int:

@@ -11,8 +11,8 @@ import numpy as np
 
 from aoprecalc.options import Estimator, Sampling
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import Samples, area_per_texel, texel_positions
-from aoprecalc.raster.resolve import LeastSquaresImage
+from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
+from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
 from aoprecalc.types import (
     REVERSED_WINDING,
     BoolArray,
@@ -149,6 +149,28 @@ class LocalVisibility:
         """Return the sums of a chunk of texels; see VisibilitySource."""
         axes = self._setup.axes[self._setup.groups[group]]
         return self._instances.accumulate(self._tester, samples, axes, group, self._progress)
+
+
+def gather_one_direction(
+    setup: BakeSetup, side: SurfaceSide, tester: VisibilityTester, direction: Float64Array, chunk_size: int
+) -> ResolvedTexture:
+    """Return the integrand of Précalcul's equation 1.1.1.1 for one direction w: max(0, n.w) [g.w > 0] visible(w).
+
+    direction   (3,) float64, the unit vector w towards the light
+
+    A tester adds up both directions of an axis. A point faces one of them, so only samples on faces that face w are
+    tested; the others are in their own shadow, 0. Each texel has one sample, at its centre where the surface covers
+    that. Of instances that share texels the first one counts.
+    """
+    texels = side.texels
+    faces_light = side.surface.geometric_normals @ direction > 0
+    values: Float32Array = np.zeros((texels.height, texels.width), np.float32)
+    valid: BoolArray = np.zeros(values.shape, bool)
+    for chunk in chunks(len(texels), chunk_size):
+        samples, index = setup.samples(side, chunk, 0), texels.index[chunk]
+        sums = tester.accumulate(keep_faces(samples, faces_light), direction[None], Progress())
+        values.ravel()[index], valid.ravel()[index] = sums[:, 0], samples.faces >= 0
+    return ResolvedTexture(values, valid, valid)
 
 
 VisibilityFactory = Callable[[BakeSetup, SurfaceSide, int, int, Progress], VisibilitySource]  # see LocalVisibility

@@ -1,5 +1,6 @@
 """Visibility by tracing rays with Embree: slower than depth maps, exact, and without OpenGL."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
@@ -12,12 +13,15 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples
 from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
+from aoprecalc.visibility.directions import Projections
 
 # Distance above its face at which a ray starts, as a share of the bounding radius, so that it does not hit that face;
 # 32-bit positions are good to 1e-7. With ten times as much, rays near a concave edge start behind the neighbouring
 # face, which then cannot occlude them.
 RAY_OFFSET = 1e-5
 _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
+_MAX_DISTANCE = 1e30  # Embree gives more where a ray hits nothing
+_ABOVE = 1.5  # distance from the origin at which rays along an axis start, outside the unit sphere
 
 
 def embreex_problem() -> str | None:
@@ -69,8 +73,7 @@ class RayCaster:
             along = directions if len(directions) == 1 else directions[chunk]
             hits[chunk] = self._scene.run(origins[chunk], along, query="OCCLUDED") >= 0
 
-        with ThreadPoolExecutor(self._threads) as pool:
-            list(pool.map(cast, range(0, len(origins), _CHUNK_RAYS)))
+        self._for_chunks(cast, len(origins))
         return hits
 
     def first_hits(self, origins: Float32Array, directions: Float32Array) -> Int32Array:
@@ -84,9 +87,29 @@ class RayCaster:
             chunk = slice(start, start + _CHUNK_RAYS)
             hits[chunk] = self._scene.run(origins[chunk], directions[chunk], query="INTERSECT")
 
-        with ThreadPoolExecutor(self._threads) as pool:
-            list(pool.map(cast, range(0, len(origins), _CHUNK_RAYS)))
+        self._for_chunks(cast, len(origins))
         return hits
+
+    def distances(self, origins: Float32Array, direction: Float32Array) -> Float32Array:
+        """Return how far k parallel rays go until they hit a triangle, (k,) float32; NaN where they hit none.
+
+        origins     (k, 3) float32
+        direction   (1, 3) float32, a unit vector
+        """
+        lengths = np.empty(len(origins), np.float32)
+
+        def cast(start: int) -> None:
+            chunk = slice(start, start + _CHUNK_RAYS)
+            lengths[chunk] = self._scene.run(origins[chunk], direction, query="DISTANCE")
+
+        self._for_chunks(cast, len(origins))
+        lengths[lengths > _MAX_DISTANCE] = np.nan
+        return lengths
+
+    def _for_chunks(self, cast: Callable[[int], None], count: int) -> None:
+        """Call a function with the start of each chunk of rays, on several threads."""
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(cast, range(0, count, _CHUNK_RAYS)))
 
 
 class RayTester:
@@ -119,3 +142,18 @@ class RayTester:
         sums = np.zeros((len(samples.faces), 2), np.float32)
         sums[with_face] = np.column_stack([visible, total])
         return sums
+
+
+def cast_depths(occluders: Float32Array, projection: Projections, size: int, threads: int = 0) -> Float32Array:
+    """Return the depths of occluders along one axis, see `Backend.depths`: rays from beyond both ends."""
+    rows = projection.rows[0]
+    row, column = np.divmod(np.arange(size * size), size)
+    map_point = np.column_stack([column + 0.5, row + 0.5, np.zeros(size * size)]) - rows[:, 3]
+    at_zero = np.linalg.solve(rows[:, :3], map_point.T).T
+    axis, caster = rows[2, :3], RayCaster(occluders, threads)
+    depths = np.empty((2, size * size), np.float32)
+    for end, sign in enumerate((1.0, -1.0)):
+        start, direction = at_zero + sign * _ABOVE * axis, -sign * axis[None]
+        distance = caster.distances(start.astype(np.float32), direction.astype(np.float32))
+        depths[end] = sign * (_ABOVE - distance)
+    return depths.reshape(2, size, size)

@@ -1,12 +1,15 @@
-"""Difference of two sphere sets, whatever the order of their spheres."""
+"""Differences of results that are no pictures: sphere sets in any order of their spheres, and JSON documents."""
 
+import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 from scipy.spatial import cKDTree
 
+from aoprecalc.errors import counted, one_or_many
 from aoprecalc.metrics.difference import Difference, bounding_diagonal, incomparable, rounded, scaled_to_unit
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
@@ -119,3 +122,83 @@ def _center_radius_distances(first: Float64Array, second: Float64Array) -> tuple
     """Return the distances of centres and the absolute differences of radii of spheres, (n, 4) each."""
     offsets = second - first
     return np.linalg.norm(offsets[:, :3], axis=1), np.abs(offsets[:, 3])
+
+
+# JSON documents.
+
+IGNORED_KEYS = frozenset({"seconds", "version", "renderer", "path", "outputs"})  # depend on the time or the machine
+_MAX_LISTED = 10  # differing leaves in the details
+
+_MISSING = object()
+
+
+def document_difference(first: Any, second: Any) -> Difference:
+    """Compare JSON documents leaf by leaf, except what is under a key of IGNORED_KEYS.
+
+    The value is the maximum of |a - b| / max(1, |a|, |b|) over numbers. Documents that differ in anything else, such as
+    texts, keys or the lengths of lists, are incomparable.
+    """
+    numbers, value, places, others = 0, 0.0, [], []
+    for path, a, b in _leaves(first, second):
+        difference = _leaf_difference(a, b)
+        numbers += _is_number(a) and _is_number(b)
+        if difference != 0:
+            value = max(value, difference or 0.0)
+            places.append({"at": path, "a": _leaf_summary(a), "b": _leaf_summary(b)})
+            others += [path] if difference is None else []
+    details = {
+        "numbers": numbers,
+        "differing": len(places),
+        "value": rounded(value),
+        "places": places[:_MAX_LISTED],
+    }
+    if others:
+        count = f"{counted(len(others), 'place')} {one_or_many(len(others), 'differs', 'differ')}"
+        return incomparable(f"{count} in more than a number, the first at {others[0]}", None, **details)
+    return Difference(value, equal=not places, details=details)
+
+
+def _leaves(first: Any, second: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the path of each leaf and its value in either document, in the order of the first.
+
+    Lists of different lengths and values that only one document has are leaves.
+    """
+    stack: list[tuple[str, Any, Any]] = [("", first, second)]  # no recursion, as documents may be nested deeply
+    while stack:
+        path, a, b = stack.pop()
+        if isinstance(a, dict) and isinstance(b, dict):
+            keys = [key for key in {**a, **b} if key not in IGNORED_KEYS]
+            children = [(f"{path}.{key}".lstrip("."), a.get(key, _MISSING), b.get(key, _MISSING)) for key in keys]
+            stack += reversed(children)
+        elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+            stack += reversed([(f"{path}[{index}]", *items) for index, items in enumerate(zip(a, b, strict=True))])
+        else:
+            yield path, a, b
+
+
+def _leaf_difference(a: Any, b: Any) -> float | None:
+    """Return the relative difference of two leaves; None if they differ and are not both finite numbers."""
+    if _is_number(a) and _is_number(b):
+        if a == b:
+            return 0.0
+        try:
+            difference = abs(a - b) / max(1, abs(a), abs(b))
+        except OverflowError:  # integers may have any number of digits
+            return None
+        return float(difference) if math.isfinite(difference) else None
+    return 0.0 if type(a) is type(b) and a == b else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _leaf_summary(value: Any) -> Any:
+    """Return a leaf for a report: containers by their size, long texts cut, None if it is missing."""
+    if value is _MISSING:
+        return None
+    if isinstance(value, dict | list):
+        return counted(len(value), "key" if isinstance(value, dict) else "value")
+    if isinstance(value, str):
+        return value if len(value) <= 80 else f"{value[:77]}..."
+    return value
