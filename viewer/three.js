@@ -1,9 +1,9 @@
 // What src/aoprecalc/render/viewer/*.js use of three.js, under the global name THREE.
 export {
+  BackSide,
   BufferAttribute,
   BufferGeometry,
   Color,
-  DoubleSide,
   FrontSide,
   Group,
   IcosahedronGeometry,

@@ -13,7 +13,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.surface import shading_normals
+from aoprecalc.options import PreviewOptions
+from aoprecalc.render import preview, shading
 from aoprecalc.render import view_geometry as module
+from aoprecalc.render.camera import view_axes
 from aoprecalc.render.view_geometry import view_geometry, viewer_script
 from aoprecalc.types import BaseColor, TexturedMesh
 from shapes import ball, box, quad, quad_uvs, scene, scene_of_parts
@@ -250,6 +253,21 @@ def test_the_script_has_three_js_first_or_is_missing(monkeypatch, tmp_path):
     assert viewer_script() is None
     (tmp_path / "three.min.js").write_text("var THREE;")
     assert viewer_script().splitlines() == ["var THREE;", *(f"// {name}" for name in module._SCRIPTS[1:])]
+
+
+def test_the_view_has_the_light_and_the_camera_of_the_still_pictures():
+    surfaces, view = ((VIEWER / name).read_text(encoding="utf-8") for name in ("surfaces.js", "mesh_view.js"))
+    for name in ("CLAY", "SPHERE", "INSIDE", "SKY", "BOUNCE", "KEY"):
+        (numbers,) = re.findall(rf"\b{name} = (?:vec3\(|\[)([^)\]]*)", surfaces)
+        np.testing.assert_allclose([float(number) for number in numbers.split(",")], getattr(shading, name), atol=1e-6)
+    assert float(re.search(r"WHITE = ([\d.]+)", surfaces)[1]) == pytest.approx(float(shading.WHITE))
+    light = preview._light(azimuth=0, ground=False)
+    assert float(re.search(r"WRAP = ([\d.]+)", surfaces)[1]) == pytest.approx(np.sin(light.radius), abs=1e-3)
+    turn, rise = re.search(r"KEY_LIGHT = { turn: (-?\d+), rise: (\d+) }", view).groups()
+    np.testing.assert_allclose(view_axes(float(turn), float(rise))[2], light.direction)
+    assert (PreviewOptions().azimuth, PreviewOptions().elevation) == tuple(
+        float(angle) for angle in re.search(r"START = { azimuth: (\d+), elevation: (\d+)", view).groups()
+    )
 
 
 def test_every_script_is_part_of_the_page():

@@ -42,6 +42,8 @@
   const RESTORE_MS = 4000; // how long a lost graphics context may take to come back
   const FAINT = 0.35; // opacity of the mesh around its spheres
   const UPWARDS = { x: ["z", Math.PI / 2], y: ["y", 0], z: ["x", -Math.PI / 2] }; // turns that axis to y
+  const FRONT = { side: THREE.FrontSide }; // the back lies a little deeper: thin walls, simplified, may cross each other
+  const BACK = { side: THREE.BackSide, polygonOffset: true, polygonOffsetUnits: 20000 }; // of 2^-24 of the depths
   const MODES = ["ao", "material", "spheres", "checker", "error"];
 
   const radians = (degrees) => (degrees * Math.PI) / 180;
@@ -110,37 +112,36 @@
 
     /** Make everything that can be shown. */
     #build(geometry, [ao, error, ...base]) {
-      const { asset } = this, { material } = AoView;
+      const { asset } = this, { surfaces, columns } = asset.geometry;
       const texture = (image, space) => image && this.#free(AoView.textureOf(image, space, this.renderer));
+      const sides = (look, ...all) =>
+        [FRONT, BACK].map((side) => all.map((pictures) => this.#free(AoView.material(look, pictures, side))));
       const occlusion = texture(ao, THREE.NoColorSpace);
-      this.materials = { ao: [material(0, { occlusion })] };
-      if (asset.geometry.surfaces.some(({ color }) => color)) {
+      this.materials = { ao: sides(0, { occlusion }) }; // by mode: those of the front, then of the back
+      if (surfaces.some(({ color }) => color)) {
         const pictures = [null, ...base.map((image) => texture(image, THREE.SRGBColorSpace))];
-        this.materials.material = pictures.map((picture) => material(1, { occlusion, picture }));
+        this.materials.material = sides(1, ...pictures.map((picture) => ({ occlusion, picture })));
       }
-      if (asset.geometry.columns.some(({ name }) => name === "u")) {
-        const picture = texture(AoView.checkerImage(), THREE.SRGBColorSpace);
-        this.materials.checker = [material(2, { picture })];
-      }
-      if (error) this.materials.error = [material(2, { picture: texture(error, THREE.SRGBColorSpace) })];
-      this.mesh = new THREE.Mesh(this.#free(geometry), this.materials.ao[0]);
-      this.turned.add(this.mesh);
-
-      if (asset.spheres) {
-        // The mesh lies faintly over its spheres; its depths come first, so that it shows one layer of itself.
-        const settings = { transparent: true, opacity: FAINT, side: THREE.FrontSide };
-        this.materials.spheres = [material(0, { occlusion }, settings)];
-        const depths = this.#free(material(0, {}, { ...settings, colorWrite: false }));
-        this.depths = new THREE.Mesh(geometry, depths);
-        this.mesh.renderOrder = 1;
-        this.spheres = AoView.sphereMesh(asset.spheres);
-        this.#free(this.spheres, this.spheres.geometry, this.spheres.material);
-        this.turned.add(this.spheres, this.depths);
-      }
-      this.#free(...Object.values(this.materials).flat());
+      if (columns.some(({ name }) => name === "u"))
+        this.materials.checker = sides(2, { picture: texture(AoView.checkerImage(), THREE.SRGBColorSpace) });
+      if (error) this.materials.error = sides(2, { picture: texture(error, THREE.SRGBColorSpace) });
+      this.meshes = this.materials.ao.map(([first]) => new THREE.Mesh(geometry, first));
+      this.#free(geometry);
+      this.turned.add(...this.meshes);
+      if (asset.spheres) this.#buildSpheres(geometry, occlusion);
       this.modes = MODES.filter((mode) => this.materials[mode]);
-      const points = geometry.getAttribute("position").clone().applyMatrix4(this.turned.matrixWorld);
-      this.points = points.array;
+      this.points = geometry.getAttribute("position").clone().applyMatrix4(this.turned.matrixWorld).array;
+    }
+
+    /** Spheres, over which the mesh lies faintly; its depths come first, so that it shows one layer of itself. */
+    #buildSpheres(geometry, occlusion) {
+      const faint = { ...FRONT, transparent: true, opacity: FAINT };
+      this.materials.spheres = [[this.#free(AoView.material(0, { occlusion }, faint))]];
+      this.spheres = AoView.sphereMesh(this.asset.spheres);
+      this.depths = new THREE.Mesh(geometry, this.#free(AoView.material(0, {}, { ...faint, colorWrite: false })));
+      this.meshes[0].renderOrder = 1;
+      this.#free(this.spheres, this.spheres.geometry, this.spheres.material);
+      this.turned.add(this.spheres, this.depths);
     }
 
     /** Show the mesh in another way; one that the asset has nothing for is shown as "ao". */
@@ -170,12 +171,16 @@
     render() {
       this.waiting = false;
       if (!this.distance || this.disposed || this.lost) return;
-      const mode = this.modes.includes(this.mode) ? this.mode : "ao", materials = this.materials[mode];
-      this.mesh.material = mode === "material" ? materials : materials[0]; // an array: one for each group of triangles
+      const mode = this.modes.includes(this.mode) ? this.mode : "ao", sides = this.materials[mode];
+      this.meshes.forEach((mesh, side) => {
+        const materials = sides[side];
+        mesh.visible = Boolean(materials);
+        if (materials) mesh.material = mode === "material" ? materials : materials[0]; // an array: one for each group
+      });
       if (this.spheres) this.spheres.visible = this.depths.visible = mode === "spheres";
       this.#placeCamera();
       const key = towards(this.azimuth + KEY_LIGHT.turn, KEY_LIGHT.rise);
-      for (const one of [...materials, this.spheres?.material]) one?.uniforms.key.value.set(...key);
+      for (const one of [...sides.flat(), this.spheres?.material]) one?.uniforms.key.value.set(...key);
       this.renderer.render(this.scene, this.camera);
     }
 

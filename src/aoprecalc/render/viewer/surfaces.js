@@ -3,12 +3,13 @@
 "use strict";
 
 (() => {
-  // As in shading.py: linear colours of clay, of spheres, of what the insides of surfaces are multiplied by, and the light.
-  const CLAY = [0.66, 0.635, 0.6], SPHERE = [0.3, 0.47, 0.66];
+  // As in shading.py: linear colours of clay, of spheres, of what insides are multiplied by, and the light.
+  const CLAY = [0.66, 0.635, 0.6], SPHERE = [0.24, 0.42, 0.64];
   const LIGHT = `
     const vec3 INSIDE = vec3(0.62, 0.50, 0.44);
     const vec3 SKY = vec3(0.62, 0.65, 0.70), BOUNCE = vec3(0.33, 0.31, 0.29), KEY = vec3(0.74, 0.70, 0.63);
-    const float WRAP = 0.242; // the sine of the key light's angular radius`;
+    const float WRAP = 0.242; // the sine of the key light's angular radius
+    const float WHITE = 0.74; // multiplies base colours, so that white in full light is white`;
   const MAX_SPHERE_TRIANGLES = 400000; // of all spheres together
 
   /** Load a picture; resolves to null without an address. */
@@ -87,7 +88,10 @@
     ${LIGHT}
 
     void main() {
-      vec3 n = normalize(vNormal) * (gl_FrontFacing ? 1.0 : -1.0);
+      vec3 n = normalize(vNormal);
+      #ifdef FLIP_SIDED // three.js defines it for BackSide
+        n = -n;
+      #endif
       float cosine = dot(n, key), edge = max(cosine + WRAP, 0.0);
       vec3 ambient = mix(BOUNCE, SKY, 0.5 + 0.5 * n.y);
       float direct = cosine > WRAP ? cosine : edge * edge / (4.0 * WRAP);
@@ -98,7 +102,7 @@
       #endif
       vec3 albedo = color;
       #if LOOK == 1
-        albedo = vBase;
+        albedo = WHITE * vBase;
         #ifdef HAS_PICTURE
           albedo *= texture2D(picture, vBaseUv).rgb;
         #endif
@@ -108,8 +112,8 @@
         direct *= 0.5;
       #endif
       vec3 linear = albedo * (ambient + direct * KEY);
-      #if LOOK != 2
-        linear *= gl_FrontFacing ? vec3(1.0) : INSIDE;
+      #if defined(FLIP_SIDED) && LOOK != 2
+        linear *= INSIDE;
       #endif
       gl_FragColor = vec4(linear, opacity);
       #include <colorspace_fragment>
@@ -128,7 +132,7 @@
       opacity: { value: settings.opacity ?? 1 },
     };
     const shaders = { vertexShader: VERTEX_SHADER, fragmentShader: FRAGMENT_SHADER };
-    return new THREE.ShaderMaterial({ defines, uniforms, ...shaders, side: THREE.DoubleSide, ...settings });
+    return new THREE.ShaderMaterial({ defines, uniforms, ...shaders, ...settings });
   }
 
   /** All spheres as instances of one, of more triangles where there are fewer; `packed`: `ViewGeometry.pack_spheres`. */
