@@ -258,7 +258,7 @@ def test_libraries_and_extras_are_those_of_the_package():
 
     assert names(project["dependencies"]) == set(machine.LIBRARIES) - {"glcontext"}  # moderngl's
     extras = project["optional-dependencies"]
-    for extra in set(extras) - {"test", "lint", "docs", "dist"}:
+    for extra in set(extras) - {"browser", "test", "lint", "docs", "dist"}:
         assert names(extras[extra]) == set(machine.EXTRAS[extra])
 
 
