@@ -196,3 +196,36 @@ def test_srgb_is_that_of_the_standard():
     exact = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
     assert np.abs(encode(linear) - 255 * exact).max() < 0.6
     assert encode(np.array([-1, 2], np.float32)).tolist() == [0, 255]
+
+
+@pytest.mark.parametrize(("azimuth", "ao"), [(0.0, 0.25), (180.0, 1.0)])
+def test_of_a_sheet_with_two_faces_the_front_is_shown(azimuth, ao):
+    """Each triangle twice, wound both ways, in random order: which of the two is nearest is chance."""
+    positions, faces = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 6)
+    order = np.random.default_rng(0).permutation(2 * len(faces))
+    both = np.concatenate([faces, faces[:, [1, 0, 2]]])[order]
+    is_first = (order < len(faces))[:, None, None]
+    normals = np.where(is_first, 1.0, -1.0) * np.array([0, 0, 1.0]) * np.ones((1, 3, 1))
+    uvs = np.where(is_first, 0.25, 0.75) * np.array([1.0, 0]) * np.ones((1, 3, 1))
+    texture = np.array([[0.25, 1.0]], np.float32)
+    sheet = TexturedMesh(scene(positions, both), normals, uvs, texture, np.ones(len(both), bool))
+    front = scene(positions, faces if azimuth == 0 else faces[:, [1, 0, 2]])
+    alone = textured(front, np.full((1, 1), ao), np.zeros((len(faces), 3, 2)))
+    expected, shown = (colors_of(mesh, azimuth=azimuth)[0] for mesh in (alone, sheet))
+    np.testing.assert_allclose(shown, expected, rtol=1e-4)
+
+
+def test_colors_of_vertices_are_interpolated():
+    made, _ = card()
+    red, green = np.array([1, 0.5, 0], np.float32), np.array([0, 0.5, 1], np.float32)
+    share = (made.corners[..., :1] + 1) / 2
+    colors = tuple(
+        BaseColor(corners=(red + (green - red) * share[part.faces]).astype(np.float32)) for part in made.parts
+    )
+    shown, seen, _ = colors_of(textured(made, base_colors=colors), "material")
+    plain, _, _ = colors_of(textured(made, base_colors=(BaseColor(),) * len(made.parts)), "material")
+    ratio = shown / plain
+    np.testing.assert_allclose(ratio.sum(axis=1), 1.5, rtol=1e-4)
+    np.testing.assert_allclose(ratio[:, 1], 0.5, rtol=1e-4)
+    order = np.argsort(seen.x)
+    assert (np.diff(ratio[order, 0][:: len(order) // 8]) < 0).all()

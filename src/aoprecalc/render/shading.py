@@ -54,6 +54,7 @@ class PictureMesh:
     corners   (f, 3, 3) float64
     normals   (f, 3, 3) float32: unit shading normals
     inverted  (f,) bool: the shading normals oppose the winding, so that its other side is the front
+    other     (f,) int64: the face of the same corners that faces the other way, of a sheet with two; else itself
     opaque    the pieces of all parts but those of glass; those of glass where there are no others
     glass     the pieces of parts that light passes through; None where there are none, or nothing else
     """
@@ -62,6 +63,7 @@ class PictureMesh:
     corners: Float64Array
     normals: Float32Array
     inverted: BoolArray
+    other: Int64Array
     opaque: Pieces
     glass: Pieces | None
 
@@ -77,9 +79,8 @@ class PictureMesh:
         if clear.all():
             clear[:] = False
         opaque = _pieces(scene, corners, ~clear, frame)
-        return cls(
-            mesh, corners, normals, inverted, opaque, _pieces(scene, corners, clear, frame) if clear.any() else None
-        )
+        glass = _pieces(scene, corners, clear, frame) if clear.any() else None
+        return cls(mesh, corners, normals, inverted, _opposite_faces(scene.faces, across), opaque, glass)
 
     @cached_property
     def mips(self) -> list[Float32Array]:
@@ -101,6 +102,21 @@ class PictureMesh:
             blocks = decode(base.texture[: height * step, : width * step]).reshape(height, step, width, step, 3)
             self._base_textures[key] = blocks.mean(axis=(1, 3))
         return self._base_textures[key]
+
+
+def _opposite_faces(faces: Int32Array, across: Float32Array) -> Int64Array:
+    """Return for each face the one of the same corners that faces the other way, else itself; (f,) of (f, 3).
+
+    Faces have the same corners where the sums of random numbers, one for each vertex, are equal.
+    """
+    marks = np.random.default_rng(0).integers(0, 1 << 62, int(faces.max()) + 1, np.uint64)
+    sums = marks[faces].sum(axis=1)
+    order = np.argsort(sums, kind="stable")
+    first, second = order[:-1], order[1:]
+    opposed = (sums[first] == sums[second]) & (np.einsum("fx,fx->f", across[first], across[second]) < 0)
+    other = np.arange(len(faces))
+    other[first[opposed]], other[second[opposed]] = second[opposed], first[opposed]
+    return other
 
 
 def _pieces(scene: Scene, corners: Float64Array, chosen: BoolArray, frame: PictureFrame) -> Pieces:
@@ -134,9 +150,11 @@ def shade(
 ) -> tuple[Float32Array, Float32Array]:
     """Return the linear colours, (m, 3) float32, and the depths along the view, (m,) float32, of m fragments."""
     faces, local = _distinct(seen.index, len(mesh.corners))
+    turned = np.where(_seen_from_behind(mesh, faces, camera), mesh.other[faces], faces)  # either was the nearest
+    faces, local = _distinct(turned[local], len(mesh.corners))
     corners = mesh.corners[faces] - camera.eye
-    weights, facing = _barycentric(corners, local, camera.rays(seen.x, seen.y + camera.rows[0]))
-    back = (facing > 0) ^ mesh.inverted[faces]
+    weights = _barycentric(corners, local, camera.rays(seen.x, seen.y + camera.rows[0]))
+    back = _seen_from_behind(mesh, faces, camera)
     normals = _interpolate(mesh.normals[faces], local, weights)
     normals /= np.maximum(np.sqrt(np.einsum("mx,mx->m", normals, normals)), 1e-12)[:, None]
     back = back[local]
@@ -157,6 +175,12 @@ def shade(
     linear[back] *= INSIDE
     depth = _interpolate(-(corners @ camera.axes[2])[..., None], local, weights)[:, 0]
     return linear, depth
+
+
+def _seen_from_behind(mesh: PictureMesh, faces: Int64Array, camera: Camera) -> BoolArray:
+    """Return which of (v,) faces show their backs."""
+    corners = mesh.corners[faces] - camera.eye
+    return (_determinants(corners) > 0) ^ mesh.inverted[faces]
 
 
 def self_shadow(occlusion: Float32Array, cosine: Float32Array) -> Float32Array:
@@ -215,22 +239,27 @@ def _distinct(index: NDArray[np.int32], count: int) -> tuple[Int64Array, Int64Ar
     return np.flatnonzero(seen), (np.cumsum(seen) - 1)[index]
 
 
-def _barycentric(corners: Float64Array, local: Int64Array, rays: Float32Array) -> tuple[Float32Array, Float64Array]:
-    """Return where rays from the origin meet triangles: weights, (m, 3); the triangles' determinants, (v,).
+def _determinants(corners: Float64Array) -> Float64Array:
+    """Return the determinants of triangles' corners, (v,) of (v, 3, 3): positive where the origin is behind."""
+    determinants: Float64Array = np.einsum("vx,vx->v", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    return determinants
+
+
+def _barycentric(corners: Float64Array, local: Int64Array, rays: Float32Array) -> Float32Array:
+    """Return the weights of the corners of triangles, (m, 3), where rays from the origin meet them.
 
     The weight of a corner is as the volume of the parallelepiped of the ray and the two others
     (T. Moeller, B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997).
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     volumes = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    facing = np.einsum("vx,vx->v", a, volumes[:, 0])
     scale = np.abs(volumes).max(axis=(1, 2), keepdims=True)
     scaled = (volumes / np.where(scale > 0, scale, 1)).astype(np.float32)
     weights = np.einsum("mcx,mx->mc", scaled[local], rays)
-    weights *= np.where(facing < 0, np.float32(-1), np.float32(1))[local][:, None]
+    weights *= np.where(_determinants(corners) < 0, np.float32(-1), np.float32(1))[local][:, None]
     np.maximum(weights, 0, out=weights)
     total = weights.sum(axis=1, keepdims=True)
-    return np.where(total > 0, weights / np.where(total > 0, total, 1), np.float32(1 / 3)), facing
+    return np.where(total > 0, weights / np.where(total > 0, total, 1), np.float32(1 / 3))
 
 
 def _interpolate(values: NDArray[np.floating], local: Int64Array, weights: Float32Array) -> Float32Array:
@@ -296,4 +325,6 @@ def _base_colors(
             level = float(np.median(_texture_level(corners, base.texture.shape, projected[low:high])))
             uvs = _interpolate(corners, local[index] - low, weights[index])
             color[index] *= _bilinear(mesh.base_texture(base, round(level)), uvs)
+        if len(index) and base.corners is not None:
+            color[index] *= _interpolate(base.corners[faces[low:high] - part.start], local[index] - low, weights[index])
     return color
