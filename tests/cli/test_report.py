@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import aoprecalc as ao
+from aoprecalc import system
 from aoprecalc.api import report_contents
 from aoprecalc.render import report_page
 from aoprecalc.render.report_page import Budget
@@ -54,6 +55,7 @@ def test_a_title_and_a_folder_for_the_page(run, results):
 
 def test_open_opens_it(run, results, monkeypatch):
     opened = []
+    monkeypatch.setattr(system, "has_desktop", lambda: True)
     monkeypatch.setattr(click, "launch", lambda path: opened.append(path) or 0)
     assert run(results, "report", "build", "-o", "shown.html", "--open", "-q").returncode == 0
     assert opened == ["shown.html"]

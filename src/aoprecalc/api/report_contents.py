@@ -20,7 +20,7 @@ from aoprecalc.api.report_facts import (
 )
 from aoprecalc.api.reports import SphereQuality
 from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
-from aoprecalc.errors import AoprecalcError, InputError, counted, option_name
+from aoprecalc.errors import AoprecalcError, InputError, RendererError, counted, option_name
 from aoprecalc.io import read_image
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.outputs import read_json_object
@@ -166,7 +166,10 @@ def _pictures(read: ReadAsset, budget: Budget) -> dict[str, Any]:
         colors = heat_map_picture(read.heat_map)
         alt = f"Error of the texture of {name} against ray tracing, in texture space"
         found["heat_map"] = web_picture(colors, alt, budget.texture)
-    drawn = _stills(read, budget)
+    try:
+        drawn = _stills(read, budget)
+    except RendererError:  # the rest of the page needs none
+        drawn = []
     if drawn:
         found["stills"] = tuple(Still(mode, web_picture(picture, alt, budget.preview)) for mode, picture, alt in drawn)
         found["thumbnail"] = web_picture(drawn[0][1], "", budget.thumbnail)

@@ -28,7 +28,8 @@ HISTOGRAM_BINS = 40
 
 _QUALITY, _EFFORT = 82, 4  # of lossy WebP, out of 100 and 6
 _FOLDER = Path(__file__).parent / "report"
-_COLUMNS = ("triangles", "mean", "error", "iou", "seconds")  # figures that the table has, where any asset has them
+# Figures that the table has, where any asset has them.
+_COLUMNS = ("triangles", "mean", "error", "estimate", "iou", "seconds")
 
 
 @dataclass(frozen=True)
@@ -266,6 +267,8 @@ def render_page(assets: Sequence[AssetPage], title: str, *, before: str = "", vi
         for key in _COLUMNS
         if any(asset.figure(key) for asset in ordered)
     }
+    if "error" in columns:  # which tells more than its estimate
+        columns.pop("estimate", None)
     html = (
         _environment()
         .get_template("page.html.j2")
@@ -273,6 +276,7 @@ def render_page(assets: Sequence[AssetPage], title: str, *, before: str = "", vi
             title=title,
             assets=ordered,
             columns=columns,
+            has_status=any(asset.status != "read" or asset.change for asset in ordered),
             filters=_filters(ordered),
             summary=_summary(ordered),
             before=before,
