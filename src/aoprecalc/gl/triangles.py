@@ -1,6 +1,11 @@
 """Triangles drawn in OpenGL for pictures: which one each sample sees, and where they keep light from the ground."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.gl.context import Renderer, draw_program
 from aoprecalc.types import Float32Array, Float64Array, Int32Array
@@ -29,18 +34,15 @@ class TriangleDrawer:
         """
         import moderngl  # in functions: it is installed on Linux only
 
-        context = self._context
-        program = draw_program(context, _PACKAGE, "visible.vert.glsl", "visible.frag.glsl")
+        program = draw_program(self._context, _PACKAGE, "visible.vert.glsl", "visible.frag.glsl")
         program["clip"] = tuple(matrix.T.ravel())
-        target = context.texture((width, height), 1, dtype="i4")
-        framebuffer = context.framebuffer([target], context.depth_renderbuffer((width, height)))
-        framebuffer.use()
-        framebuffer.clear(depth=1.0)
-        context.enable_only(moderngl.DEPTH_TEST)
-        context.depth_func = "<"
-        context.vertex_array(program, self._corners, "in_position").render(moderngl.TRIANGLES)
-        indices: Int32Array = np.frombuffer(target.read(), np.int32).reshape(height, width)
-        return indices - 1
+        indices = np.empty((height, width), np.int32)
+        with self._drawing_to(indices, "i4", far=1.0):
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            self._context.depth_func = "<"
+            self._context.vertex_array(program, self._corners, "in_position").render(moderngl.TRIANGLES)
+        indices -= 1
+        return indices
 
     def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
         """Return how many of the directions towards light are blocked at points of the ground, (size, size) float32.
@@ -55,20 +57,30 @@ class TriangleDrawer:
         program = draw_program(context, _PACKAGE, "shadow.vert.glsl", "shadow.frag.glsl")
         program["ground"] = ground
         program["window"] = tuple(window)
-        target = context.texture((size, size), 1, dtype="f4")
-        framebuffer = context.framebuffer([target], context.depth_renderbuffer((size, size)))
-        framebuffer.use()
-        framebuffer.clear(depth=0.0)
-        # Each direction is drawn at a depth of its own, nearer than all before: its first fragment in a pixel alone
-        # passes the depth test, and counts.
-        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        context.depth_func = ">"
-        context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
-        context.blend_func = moderngl.ONE, moderngl.ONE
         shadows = context.vertex_array(program, self._casters, "in_position")
-        for number, direction in enumerate(directions):
-            program["light"] = tuple(direction)
-            program["depth"] = 2 * (number + 1) / (len(directions) + 1) - 1
-            shadows.render(moderngl.TRIANGLES)
-        counts: Float32Array = np.frombuffer(target.read(), np.float32).reshape(size, size)
+        counts = np.empty((size, size), np.float32)
+        with self._drawing_to(counts, "f4", far=0.0):
+            # Each direction is drawn at a depth of its own, nearer than all before: its first fragment in a pixel alone
+            # passes the depth test, and counts.
+            context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+            context.depth_func = ">"
+            context.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
+            context.blend_func = moderngl.ONE, moderngl.ONE
+            for number, direction in enumerate(directions):
+                program["light"] = tuple(direction)
+                program["depth"] = 2 * (number + 1) / (len(directions) + 1) - 1
+                shadows.render(moderngl.TRIANGLES)
         return counts
+
+    @contextmanager
+    def _drawing_to(self, pixels: NDArray[Any], dtype: str, far: float) -> Iterator[None]:
+        """Draw into a target of zeros with depths `far`; at the end read it into (h, w) pixels and free its memory."""
+        size = pixels.shape[1], pixels.shape[0]
+        target, depths = self._context.texture(size, 1, dtype=dtype), self._context.depth_renderbuffer(size)
+        framebuffer = self._context.framebuffer([target], depths)
+        framebuffer.use()
+        framebuffer.clear(depth=far)
+        yield
+        target.read_into(pixels)
+        del framebuffer, depths, target
+        self._context.gc()

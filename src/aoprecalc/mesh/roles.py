@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from typing import Literal
 
 from aoprecalc.errors import ArgumentError, InputError, UsageError, counted, nearest
-from aoprecalc.options import LightOptions
+from aoprecalc.options import LightOptions, PreviewOptions
 from aoprecalc.types import Part, Scene
 
 _MAX_NAMES = 10  # in an error about a wrong one
@@ -44,7 +44,7 @@ def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, f
     return _AXES[up_axis(scene, options)] if options.ground else None
 
 
-def up_axis(scene: Scene, options: LightOptions) -> Literal["x", "y", "z"]:
+def up_axis(scene: Scene, options: LightOptions | PreviewOptions) -> Literal["x", "y", "z"]:
     """Return the axis that points up from the ground."""
     if options.up == "auto":
         return "z" if scene.format == "stl" else "y"

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from aoprecalc.gl.triangles import TriangleDrawer
+from aoprecalc.mesh.roles import up_axis
 from aoprecalc.options import PreviewOptions
 from aoprecalc.progress import Progress
 from aoprecalc.render.camera import Camera, PictureFrame, frame_views, view_axes
@@ -16,6 +17,7 @@ from aoprecalc.render.shadow import (
     AreaLight,
     GroundShadow,
     cast_shadow,
+    map_size,
     shadow_points,
     shadow_window,
     simplified,
@@ -23,7 +25,7 @@ from aoprecalc.render.shadow import (
 )
 from aoprecalc.render.visible_surface import Fragments, RayDrawer, SphereDrawer, SurfaceDrawer, fragments
 from aoprecalc.types import Float32Array, Float64Array, Int32Array, Picture, TexturedMesh
-from aoprecalc.visibility.backend import open_renderer_or_rays
+from aoprecalc.visibility.backend import GLBackend, open_renderer_or_rays
 
 Spheres = tuple[Float64Array, Float64Array]
 
@@ -98,8 +100,7 @@ def open_stage(
     width   of a panel
     reach   radii beyond the mesh's bounding box to which spheres count for the framing; they may leave the picture
     """
-    up = options.up if options.up != "auto" else "z" if mesh.scene.format == "stl" else "y"
-    frame = PictureFrame.from_positions(mesh.scene.positions, up)
+    frame = PictureFrame.from_positions(mesh.scene.positions, up_axis(mesh.scene, options))
     drawn = PictureMesh.from_mesh(mesh, frame)
     balls = [(frame.points(centers), radii / frame.radius) for centers, radii in sets]
     of_mesh = frame.points(mesh.scene.positions)
@@ -137,6 +138,8 @@ def open_drawers(
 
         opaque = drawer(mesh.opaque.corners, simplified(mesh.opaque.corners))
         yield opaque, None if mesh.glass is None else drawer(mesh.glass.corners, mesh.glass.corners[:1])
+        if renderer is not None:
+            GLBackend(renderer).check_errors()
 
 
 def _azimuths(options: PreviewOptions) -> list[float]:
@@ -228,9 +231,10 @@ class Stage:
 
     def _shadow(self, caster: int | None, light: AreaLight) -> GroundShadow:
         drawer = self.mesh_drawer if caster is None else self.sphere_drawers[caster]
-        key = cast_shadow(drawer, light.directions(), self.ground, self.window)
+        size = map_size(max(self.cameras[0].width, self.cameras[0].height))
+        key = cast_shadow(drawer, light.directions(), self.ground, self.window, size)
         if caster not in self._sky_shadows:
-            self._sky_shadows[caster] = cast_shadow(drawer, sky_directions(), self.ground, self.window)
+            self._sky_shadows[caster] = cast_shadow(drawer, sky_directions(), self.ground, self.window, size)
         return GroundShadow(self.ground, self.window, key, self._sky_shadows[caster])
 
     @cached_property

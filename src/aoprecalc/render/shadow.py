@@ -10,13 +10,14 @@ from aoprecalc.render.visible_surface import SurfaceDrawer
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, orthonormal_basis
 
-_SIZE = 384  # points of the ground along each side of the map
+MAX_MAP, _MIN_MAP = 384, 96  # points along each side of the map
+_PER_PIXEL = 0.32  # of them, of the longer side of the picture
 _SKY_DIRECTIONS, _KEY_DIRECTIONS = 96, 64
 _MIN_RISE = 0.12  # of a direction: what is nearer to the horizon casts shadows far beyond the picture
 _WIDEN, _MIN_SIDE = 1.6, 0.5  # side of the map in extents of the shadow, and the least one in radii
 _FADE = 0.3  # of half the side: where the shadow fades away
 _MANY_TRIANGLES, _STEP = 20_000, 0.01  # beyond as many triangles, vertices that cast shadows lie on a grid; radii
-_BLUR = 2.0  # points of the map: standard deviation of what hides the steps between directions
+_BLUR = 2.0 / MAX_MAP  # sides of the map: standard deviation of what hides the steps between directions
 
 
 @dataclass(frozen=True)
@@ -102,9 +103,16 @@ class GroundShadow:
         return np.asarray(share * share * (3 - 2 * share), np.float32)
 
 
-def cast_shadow(drawer: SurfaceDrawer, directions: Float64Array, height: float, window: Float64Array) -> Float32Array:
+def cast_shadow(
+    drawer: SurfaceDrawer, directions: Float64Array, height: float, window: Float64Array, size: int = MAX_MAP
+) -> Float32Array:
     """Return the share of the directions towards light that are blocked at points of the ground, see GroundShadow."""
-    return _blurred(drawer.count_shadows(directions, height, window, _SIZE) / np.float32(len(directions)))
+    return _blurred(drawer.count_shadows(directions, height, window, size) / np.float32(len(directions)))
+
+
+def map_size(pixels: int) -> int:
+    """Return the points along each side of the map for a picture with as many pixels along its longer side."""
+    return min(max(round(_PER_PIXEL * pixels), _MIN_MAP), MAX_MAP)
 
 
 def shadow_window(points: Float64Array, height: float, lights: Sequence[AreaLight]) -> Float64Array:
@@ -159,8 +167,9 @@ def _look_up(values: Float32Array, column: Float32Array, row: Float32Array) -> F
 
 def _blurred(values: Float32Array) -> Float32Array:
     """Convolve (n, n) values with a Gaussian."""
-    reach = int(3 * _BLUR)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / _BLUR) ** 2)
+    blur = _BLUR * len(values)
+    reach = int(np.ceil(3 * blur))
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / blur) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
     for _ in range(2):
         padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")

@@ -56,13 +56,14 @@ class RayDrawer:
         (left, right), (top, bottom) = (
             _span((box[:, axis] / box[:, 3] + 1) * (size / 2), size) for axis, size in ((0, width), (1, height))
         )
-        back = np.asarray(np.linalg.inv(matrix), np.float64)
-        x = _clip_coordinates(left, right, width)
-        rows = max(_RAYS // max(len(x), 1), 1)
+        eye, middle, across, down = (vector.astype(np.float32) for vector in _perspective(matrix))
+        by_column = _clip_coordinates(left, right, width).astype(np.float32)[:, None] * across
+        rows = max(_RAYS // max(len(by_column), 1), 1)
         for first in range(top, bottom, rows):
             end = min(first + rows, bottom)
-            near, far = (_unproject(back, x, _clip_coordinates(first, end, height), depth) for depth in (-1.0, 1.0))
-            indices[first:end, left:right] = self._seen.first_hits(near, far - near).reshape(-1, len(x))
+            by_row = _clip_coordinates(first, end, height).astype(np.float32)[:, None] * down + middle
+            rays = (by_row[:, None] + by_column).reshape(-1, 3)
+            indices[first:end, left:right] = self._seen.first_hits(eye, rays).reshape(-1, len(by_column))
         return indices
 
     def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
@@ -207,12 +208,6 @@ def _covered_by_ellipses(
         changes -= np.bincount(row * pitch + stop, minlength=len(changes))
     covered: BoolArray = np.cumsum(changes.reshape(size, pitch)[:, :size], axis=1) > 0
     return covered.ravel()
-
-
-def _unproject(back: Float64Array, x: Float64Array, y: Float64Array, depth: float) -> Float32Array:
-    """Return the points at (w,) x and (h,) y of a plane of clip space, (h * w, 3) float32."""
-    points = back[:, 0] * x[:, None] + (back[:, 1] * y[:, None, None] + back[:, 2] * depth + back[:, 3])
-    return (points[..., :3] / points[..., 3:]).reshape(-1, 3).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

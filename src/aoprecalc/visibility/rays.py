@@ -76,18 +76,20 @@ class RayCaster:
         self._for_chunks(cast, len(origins))
         return hits
 
-    def first_hits(self, origins: Float32Array, directions: Float32Array) -> Int32Array:
+    def first_hits(self, origin: Float32Array, directions: Float32Array) -> Int32Array:
         """Return the index of the triangle that each of k rays hits first, (k,) int32; -1 where it hits none.
 
-        origins, directions   (k, 3) float32
+        origin       (3,) float32, of all rays
+        directions   (k, 3) float32
         """
-        hits = np.empty(len(origins), np.int32)
+        hits = np.empty(len(directions), np.int32)
+        origins = np.tile(origin, (min(len(directions), _CHUNK_RAYS), 1))
 
         def cast(start: int) -> None:
-            chunk = slice(start, start + _CHUNK_RAYS)
-            hits[chunk] = self._scene.run(origins[chunk], directions[chunk], query="INTERSECT")
+            along = directions[start : start + _CHUNK_RAYS]
+            hits[start : start + _CHUNK_RAYS] = self._scene.run(origins[: len(along)], along, query="INTERSECT")
 
-        self._for_chunks(cast, len(origins))
+        self._for_chunks(cast, len(directions))
         return hits
 
     def distances(self, origins: Float32Array, direction: Float32Array) -> Float32Array:
