@@ -2,12 +2,17 @@
 
     python docs/make_pictures.py [NAME ...]
 
-Writes docs/pictures/NAME.png; without names, all of them. three.png and report.png need Chromium, node and the packages
-of CONTRIBUTING.md. (benchmarks/speed.py draws speed.png.)
+Writes docs/pictures/NAME.png; without names, all of them. three.png, report.png and report-batch.png are photographs of
+Chromium, which need what scripts/setup-viewer and scripts/setup-browser install. (benchmarks/speed.py draws speed.png.)
 """
 
+import functools
+import http.server
+import io
+import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,7 +27,7 @@ from aoprecalc.render.contact_sheet import contact_sheet
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
-DIRECTIONS, SAMPLES = 256, 20_000  # of every bake and every fit
+DIRECTIONS, SAMPLES = 500, 50_000  # of every bake and every fit
 CELL = (340, 340)  # pixels of one view among several
 OUTLINE, READ_COLOR, PADDING_COLOR = (222, 40, 60), (240, 130, 40), (70, 130, 230)
 TOWARDS_CAMERA = np.array([0.41, -0.91, 0.0])  # of a mesh whose z axis points up, on the ground
@@ -235,8 +240,67 @@ def borders(_: Path) -> Picture:
     return contact_sheet(cells, 2)
 
 
+# Pages in Chromium
+
+
+class Server(http.server.ThreadingHTTPServer):
+    """Serves a folder on this machine until it is shut down."""
+
+    def __init__(self, folder: Path) -> None:
+        """Start."""
+
+        class Handler(http.server.SimpleHTTPRequestHandler):
+            def log_message(self, *_: object) -> None: ...
+
+        super().__init__(("localhost", 0), functools.partial(Handler, directory=folder))
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+
+def photographed(address: str, size: tuple[int, int]) -> Picture:
+    """Show a page in Chromium and take a picture of it once it is drawn."""
+    sys.path.insert(0, str(HERE.parent / "tests"))
+    from playwright.sync_api import sync_playwright
+
+    from browser.chromium import launched
+
+    with sync_playwright() as driver, launched(driver) as chromium:
+        page = chromium.new_page(viewport={"width": size[0], "height": size[1]})
+        page.goto(address, wait_until="networkidle")
+        page.wait_for_timeout(2000)
+        return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+
+
+def three(folder: Path) -> Picture:
+    """The car in examples/three/index.html, its ambient occlusion off and on."""
+    ao.bake(folder / "car.glb", ao.BakeOptions(ground=True)).save(f"{folder}/")
+    shutil.copy(EXAMPLES / "three/index.html", folder)
+    (folder / "node_modules").symlink_to(HERE.parent / "viewer/node_modules")
+    with Server(folder) as server:
+        page = f"http://localhost:{server.server_port}/index.html"
+        shots = [photographed(page + mark, (500, 340)) for mark in ("#off", "")]
+        server.shutdown()
+    return np.concatenate(shots, axis=1)
+
+
+def report(folder: Path) -> Picture:
+    """The report of the statue."""
+    result = baked(folder / "statue.obj")
+    result.save(f"{folder}/build/", report=f"{folder}/build/")
+    fitted(folder / "statue.obj", 64, method="shadow").save(f"{folder}/build/")
+    ao.write_report(folder / "build", folder / "report.html")
+    return photographed(f"file://{folder}/report.html", (1000, 1250))
+
+
+def report_batch(folder: Path) -> Picture:
+    """The report of a batch of which one mesh is broken."""
+    (folder / "assets/props/broken.obj").write_text("v 0 0 0\nf 1 2 3\n")
+    made = ao.batch(folder / "assets", folder / "build", bake=ao.BakeOptions(size=256, directions=DIRECTIONS))
+    ao.write_report(made.report, folder / "report.html")
+    return photographed(f"file://{folder}/report.html", (1000, 460))
+
+
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, sides, borders)  # fmt: skip
+            dark, leaks, sides, borders, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:
