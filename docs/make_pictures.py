@@ -70,16 +70,18 @@ def gray(values: np.ndarray, size: tuple[int, int] = CELL) -> Picture:
 
 
 def before_after(_: Path) -> Picture:
-    """The colonnade in clay; with its texture, and the shadows that it and its spheres cast."""
+    """The colonnade in clay, with its own shadow; with its texture, and the shadow that its spheres cast."""
     sys.path.insert(0, str(EXAMPLES))
     from make_meshes import colonnade
 
     mesh = colonnade()
     result, spheres = baked(mesh, crease_angle=40), fitted(mesh, 300, method="shadow")
-    after = with_spheres(result, spheres, (1240, 440), ground=True, spheres_view="over")
-    before = drawn(result, (620, 440), shading="clay")
-    cells = [(before, "before"), (right_half(after), "ambient occlusion, and the shadow of 300 spheres")]
-    return contact_sheet(cells, 2)
+    before, after = (
+        with_spheres(result, spheres, (1240, 440), ground=True, spheres_view="over", shading=shading)
+        for shading in ("clay", "ao")
+    )
+    names = ("without ambient occlusion", "with it; 300 spheres cast the shadow")
+    return contact_sheet([(before[:, :620], names[0]), (right_half(after), names[1])], 2)
 
 
 def preview(folder: Path) -> Picture:

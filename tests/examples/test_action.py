@@ -63,6 +63,7 @@ def test_the_same_results_pass_and_come_from_the_cache(job, project):
     report = json.loads((project / job.outputs["report"]).read_bytes())
     assert report["counts"]["cached"] == 2
     assert len(list(ElementTree.parse(project / "aoprecalc-reports" / "batch.xml").iter("testcase"))) == 2
+    assert "props/crate" in (project / "aoprecalc-reports" / "batch.html").read_text(encoding="utf-8")
     assert job.run("Compare with golden files") == 0, job.said
     assert "0 of 3 results changed" in job.summary
     compared = {file.relative_to(project).as_posix() for file in project.glob("aoprecalc-reports/compare/**/*.*")}
