@@ -9,7 +9,7 @@ import pytest
 from docs.pages import ROOT, pages
 
 PICTURES = sorted((ROOT / "docs/pictures").glob("*.png"))
-MAX_BYTES = 300_000
+MAX_BYTES = 350_000
 
 
 @pytest.fixture
