@@ -92,7 +92,7 @@ def test_the_wheel_holds_the_package_whole_and_nothing_else(wheel):
     assert wheel.name == f"aoprecalc-{__version__}-py3-none-any.whl"
     names = {name for name in names_in(wheel) if not name.startswith(f"aoprecalc-{__version__}.dist-info/")}
     assert names == {name.removeprefix("src/") for name in tracked("src")}
-    assert {Path(name).suffix for name in names} <= {".py", ".glsl", ".js", ".json", ".txt", ".typed"}
+    assert {Path(name).suffix for name in names} <= {".css", ".glsl", ".j2", ".js", ".json", ".py", ".txt", ".typed"}
 
 
 @pytest.mark.slow

@@ -222,7 +222,7 @@ def _view(read: ReadAsset, budget: Budget) -> tuple[dict[str, Any] | None, str]:
         "geometry": geometry.as_json(),
         "textures": {"base": textures},
         "spheres": None if read.spheres is None else geometry.pack_spheres(*read.spheres),
-        "up": "z" if read.mesh.up == "z" else "y",
+        "up": read.mesh.up,
         "label": f"{_printable(read.files.name)}, 3D view",
         "note": note,
     }
