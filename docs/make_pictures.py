@@ -31,6 +31,7 @@ DIRECTIONS, SAMPLES = 500, 50_000  # of every bake and every fit
 CELL = (340, 340)  # pixels of one view among several
 OUTLINE, READ_COLOR, PADDING_COLOR = (222, 40, 60), (240, 130, 40), (70, 130, 230)
 TOWARDS_CAMERA = np.array([0.41, -0.91, 0.0])  # of a mesh whose z axis points up, on the ground
+PAGE_WIDTH = 900  # pixels of a whole sheet
 ZOOM = 6  # pixels per texel in borders.png
 
 Picture = np.ndarray  # (height, width, 3) uint8 sRGB
@@ -301,8 +302,28 @@ def report_batch(folder: Path) -> Picture:
     return photographed(f"file://{folder}/report.html", (1000, 460))
 
 
+# The figures of the report
+
+
+def figures(folder: Path) -> Picture:
+    """The sheet of `aoprecalc bake --figures`."""
+    return page_wide(baked(folder / "statue.obj", size=512).figures().sheet)
+
+
+def sphere_figures(folder: Path) -> Picture:
+    """The sheet of `aoprecalc spheres --figures`."""
+    return page_wide(fitted(folder / "statue.obj", 64, method="shadow").figures().sheet)
+
+
+def page_wide(sheet: Picture) -> Picture:
+    """Scale a sheet to the width of a page, in 128 colours."""
+    image = Image.fromarray(sheet)
+    small = image.resize((PAGE_WIDTH, round(PAGE_WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)
+    return np.asarray(small.quantize(128, dither=Image.Dither.NONE).convert("RGB"))
+
+
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, sides, borders, three, report, report_batch)  # fmt: skip
+            dark, leaks, sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:

@@ -156,7 +156,7 @@ def test_figures_of_spheres(ring, tmp_path, command):
     result = ao.fit_spheres(ring, ao.SphereOptions(6, samples=500, method="collision"))
     for path in result.figures().save(tmp_path / "again"):
         assert path.read_bytes() == (tmp_path / "figures" / path.name).read_bytes()
-    assert list(result.figures().pictures) == ["1_5_samples", "1_5_mesh", "1_5_lloyd", "1_5_algebraic", "1_5_collision"]
+    assert list(result.figures().pictures) == ["1_5_samples", "1_5_mesh", "1_5_collision", "1_5_lloyd", "1_5_algebraic"]
 
 
 def test_the_methods_of_the_source_are_drawn_once(ring, tmp_path, command):

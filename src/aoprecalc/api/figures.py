@@ -131,7 +131,12 @@ def figures_of_bake(
 
 def sphere_figure_names(method: Method) -> tuple[str, ...]:
     """Return the names of the figures of a fit: those methods are shown that the report has, and this one."""
-    return tuple(f"1_5_{name}" for name in ("samples", "mesh", *dict.fromkeys((*_SOURCE_METHODS, method))))
+    return tuple(f"1_5_{name}" for name in ("samples", "mesh", *_methods_shown(method)))
+
+
+def _methods_shown(method: Method | str) -> tuple[Method | str, ...]:
+    """Return the methods whose spheres are drawn: those of the report come last, side by side."""
+    return _SOURCE_METHODS if method in _SOURCE_METHODS else (method, *_SOURCE_METHODS)
 
 
 def figures_of_spheres(
@@ -147,8 +152,8 @@ def figures_of_spheres(
     mesh = mesh_to_draw(Mesh._of(scene, scene.positions, scene.faces, name))
     look = PreviewOptions(size=_PANEL, up=mesh.up, ground=True, shading="clay")
     samples = surface_samples(scene, spheres.samples, spheres.seed)
-    order = dict.fromkeys((*_SOURCE_METHODS, spheres.method))
-    figures = sphere_figures(mesh.mesh, samples, [found[method] for method in order], look, progress)
+    fitted = [found[method] for method in _methods_shown(spheres.method)]
+    figures = sphere_figures(mesh.mesh, samples, fitted, look, progress)
     columns = 2 if len(figures) % 2 == 0 else _COLUMNS
     return Figures(figure_sheet(figures, columns, _title(scene, name)), figures, name)
 
