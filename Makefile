@@ -40,7 +40,7 @@ demo: $(SETUP)
 	@echo
 	@echo "Pictures to look at:"
 	@echo "  demo/colonnade_ao.png        the ambient-occlusion texture"
-	@echo "  demo/colonnade_preview.png   the mesh with it: with its own shadow, and with that of 300 spheres"
+	@echo "  demo/colonnade_preview.png   the mesh with it and its own shadow, and 300 spheres with theirs"
 
 test: $(SETUP)
 	$(PYTEST) -m "not slow"

@@ -134,7 +134,7 @@ def shadows(folder: Path) -> Picture:
 def robot(folder: Path) -> Picture:
     """The robot's link beside spheres that contain it."""
     kinds = [{"method": "lloyd", "radius": "cover"}, {"method": "collision"}]
-    return contact_sheet(methods(folder / "robot.stl", 40, kinds), 3)
+    return contact_sheet(methods(folder / "robot.stl", 40, kinds, up="z"), 3)
 
 
 def spheres(_: Path) -> Picture:
