@@ -91,13 +91,31 @@ def test_a_constant_texture_scales_the_ambient_light_exactly(value):
     np.testing.assert_allclose(clay, np.broadcast_to(CLAY * (ambient + key), lit.shape), rtol=1e-5)
 
 
-def test_self_shadow_lies_between_the_ao_and_one():
-    occlusion, cosine = np.meshgrid(np.linspace(0, 1, 9, dtype=np.float32), np.linspace(-1, 1, 9, dtype=np.float32))
+def test_self_shadow_grows_with_the_ao_and_the_cosine():
+    steps = np.linspace(0, 1, 41, dtype=np.float32)
+    occlusion, cosine = np.meshgrid(steps, np.concatenate([-steps[:0:-1], steps]))
     seen = self_shadow(occlusion, cosine)
-    assert (seen >= occlusion).all()
-    assert (seen <= 1).all()
+    assert (np.diff(seen, axis=0) >= 0).all()
+    assert (np.diff(seen, axis=1) >= 0).all()
     assert (seen[occlusion == 1] == 1).all()
-    assert (seen[cosine == 1] == 1).all()
+    assert (seen[occlusion == 0] == 0).all()
+
+
+@pytest.mark.parametrize("rise", [47, 52])
+def test_ambient_occlusion_can_be_read_and_white_does_not_clip(rise):
+    """On surfaces of any orientation, in the light of previews."""
+    positions = np.array(ball(4)[0])
+    normals = (positions / np.linalg.norm(positions, axis=1, keepdims=True)).astype(np.float32)
+    light = AreaLight((0.0, float(np.sin(np.radians(rise))), float(np.cos(np.radians(rise)))), 0.2)
+    ambient, key = irradiance(normals, light)
+    opened = ambient + key
+    for occlusion in (0.0, 0.1, 0.3, 0.5):
+        left = self_shadow(np.float32(occlusion), normals @ np.array(light.direction, np.float32))
+        dimmed = occlusion * ambient + left[:, None] * key
+        assert (dimmed <= (occlusion + 1e-6) * opened).all()
+    assert 0.95 < (WHITE * opened).max() <= 1
+    assert 0.8 < (CLAY * opened).max() < 0.95
+    assert opened.max() > 3 * opened.min()  # an open mesh has a shape
 
 
 @pytest.mark.parametrize("azimuth", [0, 50, -65])

@@ -28,8 +28,8 @@ CLAY = np.array([0.66, 0.635, 0.60], np.float32)
 SPHERE = np.array([0.24, 0.42, 0.64], np.float32)
 WHITE = np.float32(0.74)  # multiplies base colours, so that white in full light is white
 INSIDE = np.array([0.62, 0.50, 0.44], np.float32)  # multiplies the colour of back faces
-SKY, BOUNCE = np.array([0.62, 0.65, 0.70], np.float32), np.array([0.33, 0.31, 0.29], np.float32)
-KEY = np.array([0.74, 0.70, 0.63], np.float32)
+SKY, BOUNCE = np.array([0.76, 0.79, 0.84], np.float32), np.array([0.35, 0.33, 0.31], np.float32)
+KEY = np.array([0.60, 0.57, 0.51], np.float32)
 _MAX_LEVELS = 8  # of mip maps
 _MAX_PIECES = 300_000  # into which faces with an alpha mask are cut
 
@@ -186,11 +186,10 @@ def _seen_from_behind(mesh: PictureMesh, faces: Int64Array, camera: Camera) -> B
 def self_shadow(occlusion: Float32Array, cosine: Float32Array) -> Float32Array:
     """Return the share of a light that the mesh's own shadow leaves, (m,): a guess from the AO and the light's cosine.
 
-    A light along the normal is seen, one along the surface as well as the AO says. D. Chan's "micro-shadowing" has the
-    same aim, and a sharper edge ("Material Advances in Call of Duty: WWII", SIGGRAPH 2018).
+    It takes the open part of the sky for a cone around the normal, wider where the AO is greater: "micro shadows" of
+    W. Brinck and A. Maximov, "The Technical Art of Uncharted 4", SIGGRAPH 2016.
     """
-    along = np.maximum(cosine, 0) ** 2
-    seen: Float32Array = occlusion + (1 - occlusion) * along
+    seen: Float32Array = np.clip(np.maximum(cosine, 0) + 2 * occlusion * occlusion - 1, 0, 1)
     return seen
 
 

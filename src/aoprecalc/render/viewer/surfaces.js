@@ -7,7 +7,7 @@
   const CLAY = [0.66, 0.635, 0.6], SPHERE = [0.24, 0.42, 0.64];
   const LIGHT = `
     const vec3 INSIDE = vec3(0.62, 0.50, 0.44);
-    const vec3 SKY = vec3(0.62, 0.65, 0.70), BOUNCE = vec3(0.33, 0.31, 0.29), KEY = vec3(0.74, 0.70, 0.63);
+    const vec3 SKY = vec3(0.76, 0.79, 0.84), BOUNCE = vec3(0.35, 0.33, 0.31), KEY = vec3(0.60, 0.57, 0.51);
     const float WRAP = 0.242; // the sine of the key light's angular radius
     const float WHITE = 0.74; // multiplies base colours, so that white in full light is white`;
   const MAX_SPHERE_TRIANGLES = 400000; // of all spheres together
@@ -98,7 +98,7 @@
       #ifdef HAS_OCCLUSION
         float open = mix(1.0, texture2D(occlusion, vUv).r, vTextured);
         ambient *= open;
-        direct *= mix(max(cosine, 0.0) * max(cosine, 0.0), 1.0, open);
+        direct *= clamp(max(cosine, 0.0) + 2.0 * open * open - 1.0, 0.0, 1.0);
       #endif
       vec3 albedo = color;
       #if LOOK == 1
