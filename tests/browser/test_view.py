@@ -8,7 +8,7 @@ from browser.looks import OPEN, changed, live_view, open_asset, pixels
 
 pytestmark = pytest.mark.slow
 
-MODES = ["ao", "material", "spheres", "checker", "error"]
+MODES = ["ao", "spheres", "checker", "error"]  # of the bowl, which has no colours of its own
 
 
 def drag(page, canvas, across, up=0):
