@@ -109,7 +109,7 @@ def test_ambient_occlusion_can_be_read_and_white_does_not_clip(rise):
     light = AreaLight((0.0, float(np.sin(np.radians(rise))), float(np.cos(np.radians(rise)))), 0.2)
     ambient, key = irradiance(normals, light)
     opened = ambient + key
-    for occlusion in (0.0, 0.1, 0.3, 0.5):
+    for occlusion in (0.0, 0.1, 0.3, 0.5, 0.9):
         left = self_shadow(np.float32(occlusion), normals @ np.array(light.direction, np.float32))
         dimmed = occlusion * ambient + left[:, None] * key
         assert (dimmed <= (occlusion + 1e-6) * opened).all()

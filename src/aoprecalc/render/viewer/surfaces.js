@@ -98,7 +98,7 @@
       #ifdef HAS_OCCLUSION
         float open = mix(1.0, texture2D(occlusion, vUv).r, vTextured);
         ambient *= open;
-        direct *= clamp(max(cosine, 0.0) + 2.0 * open * open - 1.0, 0.0, 1.0);
+        direct *= pow(open, 3.0 - 2.0 * max(cosine, 0.0));
       #endif
       vec3 albedo = color;
       #if LOOK == 1
