@@ -13,6 +13,7 @@ from aoprecalc.api.report_assets import collect_assets
 from aoprecalc.api.report_contents import asset_page, read_asset
 from aoprecalc.api.report_facts import changes
 from aoprecalc.io import read_image, write_image
+from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.render import report_page
 from aoprecalc.render.preview import preview_pictures
 from aoprecalc.render.report_page import Budget, web_picture
@@ -144,6 +145,48 @@ def test_reports_may_be_given_as_they_are(runs, monkeypatch):
     shutil.rmtree("made")
 
 
+def batch_document(**changes):
+    """The report of a batch of one asset, the bowl, as the file in the folder of its results has it."""
+    asset = {
+        "name": "bowl",
+        "path": "bowl.obj",
+        "status": "made",
+        "outputs": ["made/bowl_ao.obj", "made/bowl_ao.png"],
+        "summary": {"mean": 0.8, "warnings": ["charts may mix"]},
+        "error": None,
+        "commands": [],
+        "seconds": 1.0,
+    }
+    return {"schema": SCHEMAS["batch"], "counts": {}, "output": "made", "assets": [asset | changes]}
+
+
+def test_a_batch_whose_folder_was_moved_finds_its_files_and_tells_its_warnings(after):
+    asset = only(write(after / "batch.json", json.dumps(batch_document())))
+    assert names(asset.mesh, asset.texture) == ["bowl_ao.obj", "bowl_ao.png"]
+    assert asset_page(read_asset(asset), SMALL).warnings == ("charts may mix",)
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800", "x" * 5000])
+def test_names_that_no_file_can_have_are_files_that_are_not_there(after, name):
+    document = batch_document(name=name, path=name, outputs=[name]) | {"output": name}
+    (asset,) = collect_assets(write(after / "batch.json", json.dumps(document)))
+    assert (asset.mesh, asset.texture) == (None, None)
+    report = json.loads((after / "bowl_report.json").read_text())
+    report["input"]["path"], report["outputs"] = name, report["outputs"] | {"mesh": name, "texture": name}
+    write(after / "bowl_report.json", json.dumps(report))
+    assert only(after / "bowl_report.json").mesh is None
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"summary": {"warnings": True}}, {"summary": {"warnings": [1]}}, {"error": "none"}, {"status": "\ud800"}],
+)
+def test_damaged_reports_of_batches_are_refused(after, changes):
+    path = write(after / "batch.json", json.dumps(batch_document(**changes)))
+    with pytest.raises(ao.InputError, match="is no whole report"):
+        collect_assets(path)
+
+
 # What is told.
 
 
@@ -229,6 +272,17 @@ def test_a_run_compared_with_itself_is_the_same(runs):
     assert "changed-options" not in {table.key for table in comparison.tables}
 
 
+@pytest.mark.parametrize(("status", "change"), [("unchanged", "same"), ("cached", "same"), ("stopped", "changed")])
+def test_how_a_batch_came_by_a_file_is_no_change(after, status, change):
+    before, again = (
+        only(write(after / f"{given}.json", json.dumps(batch_document(status=given)))) for given in ("made", status)
+    )
+    found, comparison = changes(
+        before, asset_page(read_asset(before), SMALL), again, asset_page(read_asset(again), SMALL)
+    )
+    assert (found, "It was made before" in comparison.answer) == (change, change == "changed")
+
+
 def test_what_only_one_run_has_is_added_or_removed(runs, tmp_path):
     for folder, name in (("one", "new"), ("one", "both"), ("two", "both"), ("two", "old")):
         shutil.copytree(runs / "after", tmp_path / folder / name)
@@ -294,6 +348,15 @@ def test_what_is_no_result_is_refused_in_one_line(make, told, tmp_path):
 def write(path, text):
     path.write_text(text)
     return path
+
+
+def test_a_folder_without_results_is_refused_wherever_it_stands(runs, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for given in ([runs / "after", tmp_path / "empty"], [tmp_path / "empty", runs / "after"]):
+        with pytest.raises(ao.InputError, match="has no results among 0 files"):
+            write_report(given, tmp_path / "page.html")
+    again = write_report([runs / "after", runs / "after"], tmp_path / "page.html")
+    assert [asset.name for asset in again.assets] == ["bowl"]
 
 
 def test_a_folder_of_meshes_that_nobody_baked_has_no_results(runs, tmp_path):

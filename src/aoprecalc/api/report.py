@@ -163,7 +163,8 @@ def read_page(
     earlier = {} if before is None else {asset.name: asset for asset in collect_assets(before, "before")}
     if len(assets) == len(earlier) == 1:  # one asset is compared with one, whatever they are called
         earlier = {assets[0].name: next(iter(earlier.values()))}
-    removed = [asset for name, asset in earlier.items() if name not in {asset.name for asset in assets}]
+    present = {asset.name for asset in assets}
+    removed = [asset for name, asset in earlier.items() if name not in present]
     budget = budget_for(len(assets) + len(removed))
     pages, script = [], viewer_script() or ""
     with progress.stage("draw", len(assets), "assets"):

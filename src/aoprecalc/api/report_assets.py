@@ -34,6 +34,20 @@ _Report = TypeVar("_Report")
 
 
 @dataclass(frozen=True)
+class BatchedSummary:
+    """What the report of a batch says about the bake of an asset."""
+
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class BatchedError:
+    """Why a batch could not make an asset."""
+
+    message: str = ""
+
+
+@dataclass(frozen=True)
 class BatchedAsset:
     """What the report of a batch says about one asset; see `pipeline.report.AssetReport`."""
 
@@ -41,8 +55,8 @@ class BatchedAsset:
     path: str
     status: Literal["made", "unchanged", "cached", "failed", "stopped"]
     outputs: tuple[str, ...]
-    summary: dict[str, Any] | None
-    error: dict[str, Any] | None
+    summary: BatchedSummary | None
+    error: BatchedError | None
     commands: tuple[str, ...]
     seconds: float
 
@@ -137,16 +151,17 @@ class _Collection:
     def add_folder(self, folder: Path) -> None:
         """Add the results below a folder; raises InputError where there are none."""
         files = sorted(_files_below(folder))
-        before, self._root = len(self._entries), folder
+        self._root, found = folder, False
         for path in files:
             role = _role_by_name(path)
             if role is not None:
                 certain = path.stem.lower().endswith(SUFFIXES)
                 self._add(role, path, certain=certain)
+                found = True
             elif path.suffix.lower() == ".json":
-                self._add_json(path, given=False)
+                found |= self._add_json(path, given=False)
         self._root = None
-        if len(self._entries) == before and not self._entries:
+        if not found:
             raise InputError(f"{folder}: has no results among {counted(len(files), 'file')}; {EXPECTED}")
 
     def add_file(self, path: Path) -> None:
@@ -184,20 +199,21 @@ class _Collection:
             self._entries[key] = _Entry(stem if below == "." else f"{below.replace(os.sep, '/')}/{stem}")
         return self._entries[key]
 
-    def _add_json(self, path: Path, *, given: bool) -> None:
+    def _add_json(self, path: Path, *, given: bool) -> bool:
+        """Add a report or a sphere set; tell whether it is one."""
         try:
             document = read_json_object(path)
         except InputError:
             if given or path.stem.lower().endswith(SUFFIXES):
                 raise
-            return
+            return False
         if isinstance(document.get("spheres"), list):
             self._add("spheres", path, given=given)
-        else:
-            self.add_document(document, path, str(path), given=given)
+            return True
+        return self.add_document(document, path, str(path), given=given)
 
-    def add_document(self, document: dict[str, Any], path: Path, label: str, *, given: bool) -> None:
-        """Add a report.
+    def add_document(self, document: dict[str, Any], path: Path, label: str, *, given: bool) -> bool:
+        """Add a report; tell whether the document is one.
 
         path    its file; Path() for one in memory, whose paths are relative to the current folder
         label   what messages call it
@@ -206,7 +222,7 @@ class _Collection:
         if kind is None:
             if given:
                 raise InputError(f"{label}: is a JSON document of another kind; {EXPECTED}")
-            return
+            return False
         if document.get("schema") != SCHEMAS[kind]:
             raise InputError(
                 f"{label}: has the schema {document.get('schema')!r}, {SCHEMAS[kind]} was expected; "
@@ -218,6 +234,7 @@ class _Collection:
             self._add_bake(_typed(document, BakeReport, label), path, given=given)
         else:
             self._add_verify(_typed(document, VerifyReport, label), path, given=given)
+        return True
 
     def _add_bake(self, report: BakeReport, path: Path, *, given: bool) -> None:
         outputs = report.outputs
@@ -243,12 +260,12 @@ class _Collection:
     def _add_batch(self, report: _BatchDocument, folder: Path) -> None:
         root = _batch_root(report, folder)
         for asset in report.assets:
-            entry = self._entry((os.path.realpath((root / asset.name).parent), Path(asset.name).name))
+            entry = self._entry((_real((root / asset.name).parent), Path(asset.name).name))
             entry.name, entry.batched, entry.certain = asset.name, asset, True
             for output in asset.outputs:
                 path = root / _below(output, report.output)
                 role = _role_by_name(path)
-                if not path.is_file():
+                if not _is_file(path):
                     continue
                 if role is not None:
                     known = entry.files.setdefault(role, [])
@@ -305,7 +322,7 @@ def _typed(document: dict[str, Any], kind: type[_Report], label: str) -> _Report
     """Return a document as its class; raises InputError where keys are missing or have values of other types."""
     try:
         return msgspec.convert(document, kind)
-    except (msgspec.ValidationError, ArgumentError) as error:
+    except (msgspec.ValidationError, ArgumentError, UnicodeError) as error:
         raise InputError(f"{label}: is no whole report ({error}); write it again") from error
 
 
@@ -330,7 +347,23 @@ def _key(path: Path) -> Key:
     stem = path.stem
     while (ending := next((e for e in SUFFIXES if stem.lower().endswith(e) and len(stem) > len(e)), "")) != "":
         stem = stem[: -len(ending)]
-    return os.path.realpath(path.parent), stem
+    return _real(path.parent), stem
+
+
+def _real(folder: Path) -> str:
+    """Return the real path of a folder; as it is where no file system can have it, as a damaged report may say."""
+    try:
+        return os.path.realpath(folder)
+    except ValueError:
+        return str(folder)
+
+
+def _is_file(path: Path) -> bool:
+    """Tell whether there is such a file; a damaged report may have any text as its name."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
@@ -342,9 +375,9 @@ def _files_below(folder: Path) -> Iterator[Path]:
 
 def _located(name: str | None, folder: Path) -> Path | None:
     """Return the file that a report in a folder names; None where it is not there (any more)."""
-    if not name or "\0" in name:
+    if not name:
         return None
-    return next((path for path in _candidates(name, folder) if path.is_file()), None)
+    return next((path for path in _candidates(name, folder) if _is_file(path)), None)
 
 
 def _candidates(name: str, folder: Path) -> Iterable[Path]:
@@ -355,7 +388,7 @@ def _batch_root(report: _BatchDocument, folder: Path) -> Path:
     """Return the folder that has the outputs of a batch: that of its report, or the one that it names."""
     below = [_below(output, report.output) for asset in report.assets for output in asset.outputs]
     roots = (folder, Path(report.output), folder / report.output)
-    return next((root for root in roots if any((root / path).is_file() for path in below)), Path(report.output))
+    return next((root for root in roots if any(_is_file(root / path) for path in below)), Path(report.output))
 
 
 def _below(path: str, folder: str) -> Path:

@@ -102,7 +102,7 @@ def _quality(path: Path) -> SphereQuality | None:
         return None
     try:
         return msgspec.convert(read_json_object(path).get("quality"), SphereQuality)
-    except msgspec.ValidationError:
+    except (msgspec.ValidationError, UnicodeError):
         return None
 
 
@@ -112,16 +112,15 @@ def asset_page(read: ReadAsset, budget: Budget, *, interactive: bool = False) ->
     pictures = _pictures(read, budget)
     view, view_note = _view(read, budget) if interactive else (None, "Still pictures: three.js is not installed here.")
     batched = asset.batched
-    summary = {} if batched is None or batched.summary is None else batched.summary
     warnings = [*(bake.warnings if bake else ()), *(verify.warnings if verify else ())]
-    warnings += [str(line) for line in summary.get("warnings", ())]
+    warnings += batched.summary.warnings if batched is not None and batched.summary is not None else ()
     notes = [*(bake.notes if bake else ()), *(verify.notes if verify else ())]
     if bake is None and read.mesh is not None:
         warnings += warnings_of(read.mesh.messages)
         notes += notes_of(read.mesh.messages)
     error = read.error
     if batched is not None and batched.error is not None:
-        error = str(batched.error.get("message", ""))
+        error = batched.error.message
     commands = batched.commands if batched is not None else () if bake is None else bake_commands(bake)
     source = batched.path if batched is not None else bake.input.path if bake is not None else str(asset.mesh or "")
     return AssetPage(

@@ -11,7 +11,7 @@ from aoprecalc.api.verify import VerifyReport
 from aoprecalc.errors import AoprecalcError, ArgumentError, counted, option_name
 from aoprecalc.options import BakeOptions, Sampling, ValueOptions
 from aoprecalc.options.fields import as_words, option_fields
-from aoprecalc.render.report_page import AssetPage, Change, Choice, Comparison, Figure, Slider, Table
+from aoprecalc.render.report_page import FAILED, AssetPage, Change, Choice, Comparison, Figure, Slider, Table
 
 _PIXELS = (
     ("rms", "Root mean square of after - before"),
@@ -164,9 +164,11 @@ def bake_tables(bake: BakeReport) -> list[Table]:
         kinds = (("glass", "glass"), ("unlit", "unlit"), ("cut_out", "cut-outs"))
         special = [words for key, words in kinds if getattr(part, key)]
         if part.shares is not None:
-            special.append(f"shares the UVs of {bake.parts[part.shares].name}" if part.shares < len(bake.parts) else "")
+            special.append(
+                f"shares the UVs of {bake.parts[part.shares].name}" if 0 <= part.shares < len(bake.parts) else ""
+            )
         yes = ["yes" if value else "no" for value in (part.receives, part.occludes)]
-        rows.append((part.name, f"{part.triangles:,}", *yes, ", ".join(filter(None, special)) or "plain"))
+        rows.append((part.name, f"{part.triangles:,}", *yes, ", ".join(special) or "plain"))
     head = ("Part", "Triangles", "Baked", "Occludes", "Material")
     options = tuple(option_rows(bake.options).items())
     return [
@@ -220,10 +222,11 @@ def changes(
     figures = _figures(before_page, after_page)
     options = _options(before, after)
     lines += [f"{kind}: {_answer(report)}" for kind, report in measured]
-    if before_page.status != after_page.status and "failed" in (before_page.status, after_page.status):
+    faults = [page.status if page.status in (*FAILED, "stopped") else "" for page in (before_page, after_page)]
+    if faults[0] != faults[1]:
         lines.insert(0, f"It was {before_page.status} before, and is {after_page.status} now.")
     same = not options and all(report.answer == "equal" for _, report in measured)
-    same = same and before_page.status == after_page.status
+    same = same and faults[0] == faults[1]
     same = same and all(row[1] == row[2] for key, row in figures.items() if key not in _TIMES)
     tables = []
     if rows := _differences([report for _, report in measured]):
