@@ -69,6 +69,22 @@ def test_a_spheres_outline_is_a_cone_of_rays(kind, center, radius, stack):
     assert solid == pytest.approx(2 * np.pi * (1 - np.sqrt(1 - sine**2)), rel=0.01 + 0.0025 / radius)
 
 
+@pytest.mark.parametrize(
+    ("ahead", "aside", "radius"),
+    [(1.0, 1.4, 1.2), (0.0, 3.0, 2.9), (-2.0, 0.0, 0.4), (0.0, 0.0, 50.0)],
+    ids=["ahead", "beside", "behind", "around"],
+)
+def test_spheres_that_reach_behind_the_eye_are_seen_where_rays_forward_enter_them(ahead, aside, radius):
+    camera = camera_on(ball(2)[0])
+    center = camera.eye - ahead * camera.axes[2] + aside * camera.axes[0]
+    columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
+    rays, away = camera.rays(columns, rows).astype(np.float64), camera.eye - center
+    a, b, c = (rays**2).sum(axis=-1), rays @ away, away @ away - radius**2
+    enters = (b * b > a * c) & (b < 0) & (c > 0)  # both roots of a t^2 + 2 b t + c are positive
+    seen = SphereDrawer(center[None], np.array([radius])).visible(camera.clip_matrix(ball(2)[0]), WIDTH, HEIGHT) >= 0
+    assert np.count_nonzero(seen != enters) <= 2  # samples on the outline
+
+
 @pytest.mark.parametrize("kind", ["gl", "ray", "analytic"])
 def test_the_nearer_one_hides_the_farther(kind, stack):
     axes = view_axes(24, 20)

@@ -111,7 +111,8 @@ class SphereDrawer:
             b = x * (away @ across) + (y * (away @ down) + away @ middle)[:, None]
             root = b * b - a * (away @ away - radius**2)
             np.sqrt(root, out=root, where=root > 0)
-            along = np.where(root > 0, (-b - root) / a, np.inf).astype(np.float32)
+            in_front = (root > 0) & (-b > root)  # not behind the eye, nor around it
+            along = np.where(in_front, (-b - root) / a, np.inf).astype(np.float32)
             closer = along < nearest[box]
             np.copyto(nearest[box], along, where=closer)
             np.copyto(indices[box], number, where=closer)
@@ -171,14 +172,16 @@ def _sphere_bounds(
     at = np.column_stack([centers, np.ones(len(centers))]) @ matrix.T
     squared = radii**2
     a = at[:, 3] ** 2 - squared * (w @ w)
+    ahead = at[:, 3] > radii * np.sqrt(w @ w)  # others may be anywhere in the picture
     bounds = []
     for axis, row, size in ((0, x, width), (1, y, height)):
         b = at[:, axis] * at[:, 3] - squared * (row @ w)
         c = at[:, axis] ** 2 - squared * (row @ row)
         half = np.sqrt(np.maximum(b * b - a * c, 0))
-        ends = (np.stack([b - half, b + half], axis=1) / a[:, None] + 1) * size / 2
+        ends = (np.stack([b - half, b + half], axis=1) / np.where(ahead, a, 1)[:, None] + 1) * size / 2
         ends = np.stack([np.floor(ends[:, 0] - 0.5), np.ceil(ends[:, 1] + 0.5)], axis=1)
-        bounds.append(np.clip(ends, 0, size).astype(np.int64))
+        ends = np.where(ahead[:, None], np.clip(ends, 0, size), (0, size))
+        bounds.append(ends.astype(np.int64))
     return bounds[0], bounds[1]
 
 
