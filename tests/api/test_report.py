@@ -132,6 +132,14 @@ def test_a_verified_texture_has_its_errors_and_its_heat_map(after):
     assert names(alone.mesh, alone.heat_map) == ["bowl_ao.obj", "bowl_heat_map.png"]
 
 
+@pytest.mark.parametrize("ending", [".obj", ".glb", ".ply"])
+def test_spheres_in_formats_of_meshes_are_known_by_their_ending(runs, tmp_path, ending):
+    ao.fit_spheres(runs / "bowl.obj", ao.SphereOptions(2, samples=100)).save(tmp_path / f"bowl_spheres{ending}")
+    for given in (tmp_path, tmp_path / f"bowl_spheres{ending}"):
+        asset = only(given)
+        assert names(asset.mesh, asset.spheres) == [None, f"bowl_spheres{ending}"]
+
+
 def test_reports_may_be_given_as_they_are(runs, monkeypatch):
     monkeypatch.chdir(runs)
     write_obj(runs / "bad.obj", (np.zeros((3, 3)), np.array([[0, 1, 2]])))

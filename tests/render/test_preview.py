@@ -169,6 +169,13 @@ def test_spheres_over_the_mesh_let_it_through():
     assert np.ptp(middle.sum(axis=2)) > 10  # the edges of the box are seen through the sphere
 
 
+@pytest.mark.parametrize(("height", "radius"), [(0.0, 0.05), (-1.4, 0.2)], ids=["inside the mesh", "under the ground"])
+def test_spheres_are_hidden_by_what_is_before_them(height, radius):
+    made = scene(*BALL)
+    hidden = np.array([[0.0, height, 0.0]]), np.array([radius])
+    np.testing.assert_array_equal(draw(made, hidden, spheres_view="over")[0], draw(made)[0])
+
+
 def test_ground_compares_the_shadows_of_mesh_and_spheres():
     made = scene(*torus())
     far_off = np.array([[0.0, 0.6, 0.0]]), np.array([0.2])

@@ -208,8 +208,10 @@ def test_without_three_js_there_are_stills_and_no_data():
 
 def test_a_script_cannot_end_its_element():
     script = "const a = '</script><b>'; const c = '<!--<script>';"
-    elements = Elements(render_page([whole("a")], "t", viewer=script).html)
+    page = render_page([whole("a")], "t", viewer=script)
+    elements = Elements(page.html)
     assert len(elements.all("script")) == 3  # the page's, the data, this one
+    assert "<!--" not in page.html  # behind it, and another <script>, the end of the element would not count
     assert elements.all("b") == []
 
 

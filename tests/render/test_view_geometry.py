@@ -108,6 +108,16 @@ def test_a_small_mesh_is_kept_as_it_is():
     assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < 0.4
 
 
+def test_triangles_face_where_their_normals_point():
+    positions, faces = ball(2)
+    turned = scene(positions, faces[:, ::-1])
+    normals = positions[turned.faces]  # of a unit sphere, outwards
+    view = view_geometry(TexturedMesh(turned, normals, None, None, np.zeros(len(turned.faces), bool)), 1000)
+    triangles, columns = unpacked(view.as_json())
+    a, b, c = positions_of(columns)[triangles].swapaxes(0, 1)
+    assert (np.einsum("tx,tx->t", np.cross(b - a, c - a), a + b + c) > 0).all()
+
+
 def test_corners_share_a_vertex_unless_a_seam_parts_them():
     view = view_geometry(globe(24, 12), 10_000)
     assert len(view.columns[0].values) == 25 * 11 + 2 * 24  # the poles have a UV for each of their triangles

@@ -85,6 +85,15 @@ def test_spheres_that_reach_behind_the_eye_are_seen_where_rays_forward_enter_the
     assert np.count_nonzero(seen != enters) <= 2  # samples on the outline
 
 
+def test_bands_of_a_picture_of_spheres_make_it_whole():
+    camera = camera_on(ball(2)[0])
+    rng = np.random.default_rng(3)
+    drawer, box = SphereDrawer(rng.uniform(-0.8, 0.8, (20, 3)), rng.uniform(0.02, 0.3, 20)), ball(2)[0]
+    bands = [drawer.visible(band.clip_matrix(box), WIDTH, band.shape[0]) for band in camera.bands(50)]
+    whole = drawer.visible(camera.clip_matrix(box), WIDTH, HEIGHT)
+    assert (np.concatenate(bands) != whole).mean() < 1e-3  # samples on outlines, where numbers are rounded
+
+
 @pytest.mark.parametrize("kind", ["gl", "ray", "analytic"])
 def test_the_nearer_one_hides_the_farther(kind, stack):
     axes = view_axes(24, 20)
