@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -307,6 +309,18 @@ def test_two_files_are_compared_whatever_their_names(runs, tmp_path):
     shutil.copy(runs / "before" / "bowl_ao.png", tmp_path / "other_ao.png")
     written = write_report(runs / "after" / "bowl_ao.png", tmp_path / "p.html", before=tmp_path / "other_ao.png")
     assert [asset.change for asset in written.assets] == ["changed"]
+
+
+@pytest.mark.parametrize(("triangles", "shown"), [(10_000, True), (10, False)])
+def test_without_the_simplifier_large_meshes_have_still_pictures_and_the_page_says_why(
+    triangles, shown, runs, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "opengl_decimate", None)
+    page = asset_page(read_asset(only(runs / "after")), replace(SMALL, triangles=triangles), interactive=True)
+    assert (page.view is not None) == shown
+    told = "Still pictures: opengl_decimate, which simplifies meshes for the 3D view, is not installed."
+    assert page.view_note == ("" if shown else told)
+    assert page.stills
 
 
 # The file.

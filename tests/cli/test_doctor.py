@@ -122,6 +122,14 @@ def test_without_any_renderer_the_code_is_three_and_every_way_out_is_named(tmp_p
     assert "takes nothing" in done.stdout
 
 
+def test_a_missing_simplifier_is_named(monkeypatch):
+    rays = found(works(), rays=works())
+    assert probing._install_hints(rays, {}) == []
+    monkeypatch.setattr(probing, "versions", dict.fromkeys)
+    (hint,) = probing._install_hints(rays, {})
+    assert (hint.what, hint.lines) == ("opengl_decimate", {"any": "pip install opengl_decimate"})
+
+
 @pytest.mark.slow
 def test_without_rays_only_they_are_missing(tmp_path):
     done = run(tmp_path, "doctor", "--json", start=NO_RAYS)

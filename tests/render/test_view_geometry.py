@@ -17,6 +17,7 @@ from aoprecalc.options import PreviewOptions
 from aoprecalc.render import preview, shading
 from aoprecalc.render import view_geometry as module
 from aoprecalc.render.camera import view_axes
+from aoprecalc.render.simplification import NotSimplifiedError
 from aoprecalc.render.view_geometry import view_geometry, viewer_script
 from aoprecalc.types import BaseColor, TexturedMesh
 from shapes import ball, box, quad, quad_uvs, scene, scene_of_parts
@@ -237,7 +238,8 @@ def test_base_colors_and_what_the_texture_leaves_open():
 def test_a_mesh_that_stays_large_has_no_view():
     apart = [quad((3 * i, 0, 0), (1, 0, 0), (0, 1, 0)) for i in range(400)]
     mesh = scene_of_parts(*apart)
-    assert view_geometry(textured(mesh, None), 50) is None
+    with pytest.raises(NotSimplifiedError, match="too many small pieces"):
+        view_geometry(textured(mesh, None), 50)
 
 
 def test_spheres_are_in_the_frame_of_the_mesh():

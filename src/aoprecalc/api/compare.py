@@ -26,7 +26,7 @@ from aoprecalc.io.formats.base import ImageSource
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import NoOcclusionError, baked_options, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
-from aoprecalc.io.sphere_files.files import SPHERE_EXTENSIONS, read_levels
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_levels
 from aoprecalc.metrics.difference import (
     ComparedMesh,
     ComparedTexture,

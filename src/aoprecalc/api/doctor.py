@@ -96,6 +96,7 @@ _WHY = {
     "gl": f"the first that makes an {_OPENGL} context",
     "ray": f"there is no {_OPENGL}, and rays can be traced",
 }
+_SIMPLIFIER = "opengl_decimate"
 _USES = {
     "DracoPy": "to read glTF meshes compressed with Draco",
     "meshoptimizer": "to read glTF meshes compressed with meshopt (its installation needs a C++ compiler)",
@@ -266,6 +267,9 @@ def _install_hints(probes: ProbeResults, extras: dict[str, dict[str, str | None]
         hints.append(InstallHint(_OPENGL, "to bake by depth maps, which is faster than by rays", INSTALLS.copy()))
     if not probes.rays.works:
         hints.append(InstallHint("embreex", "to trace rays, and to verify", {"any": "pip install embreex"}))
+    if versions((_SIMPLIFIER,))[_SIMPLIFIER] is None:
+        purpose, lines = "to simplify large meshes for 3D views in reports", {"any": f"pip install {_SIMPLIFIER}"}
+        hints.append(InstallHint(_SIMPLIFIER, purpose, lines))
     for extra, packages in extras.items():
         lacking = [name for name, version in packages.items() if version is None]
         lines = {"any": f"pip install 'aoprecalc[{extra}]'"}

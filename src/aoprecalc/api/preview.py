@@ -16,7 +16,7 @@ from aoprecalc.errors import ArgumentError, UsageError, listed_counts
 from aoprecalc.io import MESH_EXTENSIONS, Outputs, checked_spheres
 from aoprecalc.io.images import check_picture_extension, picture_png, write_animation, write_picture
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path
-from aoprecalc.io.sphere_files.files import SPHERE_EXTENSIONS, read_levels
+from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_levels
 from aoprecalc.options import PreviewOptions, Shading, names_extensions
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.render.preview import Spheres, preview_pictures

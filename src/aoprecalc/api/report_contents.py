@@ -44,6 +44,7 @@ from aoprecalc.render.report_page import (
     Table,
     web_picture,
 )
+from aoprecalc.render.simplification import NotSimplifiedError
 from aoprecalc.render.view_geometry import view_geometry
 from aoprecalc.types import Float32Array, Float64Array, Picture, TexturedMesh
 
@@ -210,9 +211,10 @@ def _view(read: ReadAsset, budget: Budget) -> tuple[dict[str, Any] | None, str]:
         return None, "Still pictures: a page of so many assets has no 3D views."
     mesh = read.mesh.mesh
     mesh = mesh if _has_materials(mesh) else replace(mesh, base_colors=())
-    geometry = view_geometry(mesh, budget.triangles, budget.texture // 2)
-    if geometry is None:
-        return None, "Still pictures: the mesh is of too many small pieces to be simplified for a 3D view."
+    try:
+        geometry = view_geometry(mesh, budget.triangles, budget.texture // 2)
+    except NotSimplifiedError as error:
+        return None, f"Still pictures: {error}."
     note = "Drag to turn, or use the arrow keys; + and - zoom, 0 resets."
     if len(geometry.triangles) < geometry.total_triangles:
         note += f" Simplified: {len(geometry.triangles):,} of {geometry.total_triangles:,} triangles."

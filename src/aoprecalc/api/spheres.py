@@ -16,8 +16,13 @@ from aoprecalc.api.reports import SphereQuality
 from aoprecalc.errors import ArgumentError, InputError, listed_counts
 from aoprecalc.io import Outputs, checked_spheres, load_scene, source_files
 from aoprecalc.io.outputs import claim_output, output_path
-from aoprecalc.io.sphere_files import check_sphere_extension, read_spheres, sphere_document, write_sphere_set
-from aoprecalc.io.sphere_files.files import read_levels
+from aoprecalc.io.sphere_files import (
+    check_sphere_extension,
+    read_levels,
+    read_spheres,
+    sphere_document,
+    write_sphere_set,
+)
 from aoprecalc.notebook import figure, image
 from aoprecalc.options import PreviewOptions, SphereOptions, names_extensions
 from aoprecalc.progress import Progress, tell

@@ -104,3 +104,21 @@ def boundary_edges(corners: Int32Array) -> BoolArray:
     ids = edge_ids(corners)
     single: BoolArray = np.bincount(ids.ravel())[ids] == 1
     return single
+
+
+def neighbours_in_a_row(triangles: Int32Array) -> NDArray[np.intp]:
+    """Return an order of the triangles, (t,), that walks from each to a neighbour as far as it can (depth first)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components, depth_first_order
+
+    count = len(triangles)
+    edges = edge_ids(triangles).reshape(-1)
+    order = np.argsort(edges, kind="stable")
+    shared = edges[order[1:]] == edges[order[:-1]]
+    one, other = order[:-1][shared] // 3, order[1:][shared] // 3
+    _, island = connected_components(coo_array((np.ones(len(one)), (one, other)), (count, count)), directed=False)
+    starts = np.unique(island, return_index=True)[1]  # all islands hang on one more node, from which the walk starts
+    rows, columns = np.concatenate([one, np.full(len(starts), count)]), np.concatenate([other, starts])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), (count + 1, count + 1)).tocsr()
+    walk: NDArray[np.intp] = depth_first_order(graph, count, directed=False, return_predecessors=False)[1:]
+    return walk.astype(np.intp)

@@ -1,8 +1,6 @@
 """What the 3D view of a report draws: a mesh simplified, quantised and packed, and the script that unpacks it.
 
-Simplification is by quadric error metrics (Garland and Heckbert 1997) as opengl_decimate by Mike C. Fletcher does it:
-vertices that differ in normal, UV or material at one position stay different, so that seams and hard edges survive. The
-order of the packed numbers, byte planes of differences, follows "WebGL Models: End-to-End" by Won Chun (2012).
+The order of the packed numbers, byte planes of differences, follows "WebGL Models: End-to-End" by Won Chun (2012).
 """
 
 import base64
@@ -15,23 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, depth_first_order
 
-from aoprecalc.mesh.surface import face_normals
-from aoprecalc.mesh.topology import corners_to_vertices, edge_ids
+from aoprecalc.mesh.topology import corners_to_vertices, neighbours_in_a_row
+from aoprecalc.render.simplification import Attributes, simplified
 from aoprecalc.types import BoolArray, Float64Array, Int32Array, TexturedMesh, UInt8Array
 
 _FOLDER = Path(__file__).parent / "viewer"
 _SCRIPTS = ("three.min.js", "packed_mesh.js", "surfaces.js", "mesh_view.js")  # in this order
 # Steps of quantised numbers: of the mesh's extent along each axis, of a repeat of the texture, of the two of a normal.
 _MAX_LEVELS, _POSITION_LEVELS, _UV_LEVELS, _NORMAL_LEVELS = 65535, 8192, 4096, 510
-_MAX_EXCESS = 3  # how many times more triangles than asked for a view may have
-_MIN_TRIANGLE_QUALITY = 0.01  # 1: equilateral
-_MAX_NORMAL_ANGLE = 75  # degrees, of a vertex from its triangle
 
 UInt16Array = NDArray[np.uint16]
-Attributes = dict[str, NDArray[Any]]  # by their names in glTF
 
 
 def viewer_script() -> str | None:
@@ -135,20 +127,19 @@ class ViewGeometry:
         return base64.b64encode(spheres.astype("<f4").tobytes()).decode()
 
 
-def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int = 512) -> ViewGeometry | None:
+def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int = 512) -> ViewGeometry:
     """Simplify a mesh to `max_triangles` for the 3D view, and quantise it.
 
     max_triangles       of the view, >= 1; at most three times as many are left where pieces and holes need them
     base_texture_size   all base textures together have at most the square of it as texels
 
-    A mesh with fewer triangles is kept as it is. Returns None where it cannot be simplified so far, as one of many
-    small pieces. The same mesh gives the same bytes.
+    A mesh with fewer triangles is kept as it is. The same mesh gives the same bytes. Raises NotSimplifiedError where it
+    cannot be simplified so far, as one of many small pieces.
     """
     scene = mesh.scene
-    lower, upper = scene.positions.min(axis=0), scene.positions.max(axis=0)
-    center, scale = (lower + upper) / 2, float(np.linalg.norm(upper - lower)) / 2 or 1.0
+    center, scale = _bounding_sphere(scene.positions)
     surfaces, surface_of_face, textures = _surfaces(mesh)
-    attributes = {
+    attributes: Attributes = {
         "POSITION": (scene.corners - center) / scale,
         "NORMAL": mesh.normals,
         "_SURFACE": np.repeat(surface_of_face, 3).reshape(-1, 3, 1),
@@ -158,12 +149,10 @@ def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int
     if textures:
         attributes["TEXCOORD_1"] = _base_uvs(mesh)
     attributes, triangles = _indexed(scene.faces, attributes)
-    inwards = _inwards(scene.corners, mesh.normals)
+    inwards = _inwards(attributes["POSITION"][triangles], mesh.normals)
     triangles[inwards] = triangles[inwards][:, ::-1]
     if len(triangles) > max_triangles:
-        attributes, triangles = _simplify(attributes, triangles, max_triangles)
-        if len(triangles) > _MAX_EXCESS * max_triangles:
-            return None
+        attributes, triangles = simplified(attributes, triangles, max_triangles)
     attributes, triangles = _in_order_of_use(attributes, triangles, surfaces)
     return ViewGeometry(
         total_triangles=len(scene.faces),
@@ -174,6 +163,14 @@ def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int
         surfaces=surfaces,
         base_textures=_reduced(textures, base_texture_size),
     )
+
+
+def _bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
+    """Return the centre of the bounding box of (v, 3) positions, and half its diagonal; 1 where that is 0."""
+    lower, upper = positions.min(axis=0) / 2, positions.max(axis=0) / 2
+    half = upper - lower
+    longest = float(half.max())  # the squares of lengths may be beyond what numbers hold
+    return lower + upper, longest * float(np.linalg.norm(half / longest)) if longest else 1.0
 
 
 def _surfaces(mesh: TexturedMesh) -> tuple[tuple[Surface, ...], Int32Array, list[UInt8Array]]:
@@ -215,40 +212,6 @@ def _indexed(faces: Int32Array, attributes: Attributes) -> tuple[Attributes, Int
     return at_vertices, vertices.triangles.astype(np.int32)
 
 
-def _simplify(attributes: Attributes, triangles: Int32Array, max_triangles: int) -> tuple[Attributes, Int32Array]:
-    """Simplify with the lines of seams held; where that leaves too many triangles, the lines may move.
-
-    Vertices stay where they were, so that their UVs stay true. Without a least shape of triangles, thin sheets shrink.
-    """
-    from opengl_decimate import SimplifyOptions, simplify
-
-    for lock_seams in (True, False):
-        options = SimplifyOptions(
-            target_count=max_triangles,
-            lock_seams=lock_seams,
-            placement="endpoint",
-            min_triangle_quality=_MIN_TRIANGLE_QUALITY,
-        )
-        result = simplify(attributes, triangles.reshape(-1), options)
-        if len(result.indices) <= 3 * max_triangles:
-            break
-    return _with_own_normals(result.attributes, result.indices.reshape(-1, 3).astype(np.int32))
-
-
-def _with_own_normals(attributes: Attributes, triangles: Int32Array) -> tuple[Attributes, Int32Array]:
-    """Give corners whose normal is far from their triangle's, as where a hard edge was lost, that of the triangle."""
-    geometric, has_area = face_normals(attributes["POSITION"][triangles])
-    geometric = geometric[:, None, :].repeat(3, axis=1)
-    cosines = np.abs((attributes["NORMAL"][triangles] * geometric).sum(axis=2))
-    strange = (cosines < np.cos(np.radians(_MAX_NORMAL_ANGLE))) & has_area[:, None]
-    copied = triangles[strange]
-    triangles = triangles.copy()
-    triangles[strange] = len(attributes["NORMAL"]) + np.arange(len(copied))
-    attributes = {name: np.concatenate([values, values[copied]]) for name, values in attributes.items()}
-    attributes["NORMAL"][len(attributes["NORMAL"]) - len(copied) :] = geometric[strange]
-    return attributes, triangles
-
-
 def _inwards(corners: Float64Array, normals: Float64Array) -> BoolArray:
     """Return which triangles, (f,) bool, have a winding that their shading normals oppose at all corners."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -260,7 +223,7 @@ def _in_order_of_use(
     attributes: Attributes, triangles: Int32Array, surfaces: tuple[Surface, ...]
 ) -> tuple[Attributes, Int32Array]:
     """Sort the triangles by base texture, then neighbours in a row, and the vertices by the triangles that use them."""
-    triangles = triangles[_neighbours_in_a_row(triangles)]
+    triangles = triangles[neighbours_in_a_row(triangles)]
     texture = np.array([-1 if surface.texture is None else surface.texture for surface in surfaces])
     of_triangle = texture[attributes["_SURFACE"][triangles[:, 0], 0]]
     triangles = triangles[np.argsort(of_triangle, kind="stable")]
@@ -272,21 +235,6 @@ def _in_order_of_use(
     newest_last = (triangles.argmax(axis=1)[:, None] + [1, 2, 3]) % 3
     triangles = np.take_along_axis(triangles, newest_last, axis=1)
     return {name: values[used[order]] for name, values in attributes.items()}, triangles
-
-
-def _neighbours_in_a_row(triangles: Int32Array) -> NDArray[np.intp]:
-    """Return an order of the triangles, (t,), that walks from each to a neighbour as far as it can (depth first)."""
-    count = len(triangles)
-    edges = edge_ids(triangles).reshape(-1)
-    order = np.argsort(edges, kind="stable")
-    shared = edges[order[1:]] == edges[order[:-1]]
-    one, other = order[:-1][shared] // 3, order[1:][shared] // 3
-    _, island = connected_components(coo_array((np.ones(len(one)), (one, other)), (count, count)), directed=False)
-    starts = np.unique(island, return_index=True)[1]  # all islands hang on one more node, from which the walk starts
-    rows, columns = np.concatenate([one, np.full(len(starts), count)]), np.concatenate([other, starts])
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), (count + 1, count + 1)).tocsr()
-    walk: NDArray[np.intp] = depth_first_order(graph, count, directed=False, return_predecessors=False)[1:]
-    return walk.astype(np.intp)
 
 
 def _columns(attributes: Attributes) -> tuple[Column, ...]:
