@@ -57,6 +57,7 @@ def full_tables() -> dict[str, list[str]]:
         "speed": speed_table(results("speed")["points"]),
         "growth": growth_table(results("speed")["growth"]),
         "batch": batch_table(results("batch")),
+        "report page": report_table(results("report")),
         "sphere quality": quality_table(parts["quality"]),
         "sphere counts": counts_table(parts["quality"]),
         "lloyd speed": lloyd_table(parts["kmeans"]),
@@ -169,6 +170,19 @@ def batch_table(found: dict[str, object]) -> list[str]:
         f"| {assets}, `aoprecalc batch --scheduler` with two Dask workers | {seconds['scheduler']:.0f} |",
         f"| cost of the batch beyond the work, an asset | {seconds['overhead']:.2f} |",
         f"| {found['unchanged_assets']} assets, none of them changed | {seconds['unchanged']:.1f} |",
+    ]
+
+
+def report_table(found: dict[str, object]) -> list[str]:
+    """Lay out the size of a report page of many assets, and the seconds until it can be used."""
+    seconds = found["seconds"]
+    return [
+        *table(f"page of {found['assets']} assets", ""),
+        f"| size | {found['bytes'] / 1e6:.1f} MB |",
+        f"| `aoprecalc report` writes it, time of the processor | {seconds['write']:.0f} s |",
+        f"| opened in Chromium, until the table reacts to a click | {seconds['interactive']:.2f} s |",
+        f"| until all of it is read | {seconds['load']:.2f} s |",
+        f"| from a click on an asset until its 3D view is drawn, without a GPU | {seconds['view']:.2f} s |",
     ]
 
 
