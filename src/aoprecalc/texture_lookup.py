@@ -1,4 +1,4 @@
-"""Texture look-ups as renderers do them: wrap modes, bilinear filtering, mip levels, bounds of alpha in rectangles."""
+"""Texture look-ups as renderers do them: wrap modes, bilinear filtering, mip levels, bounds of alpha, sRGB."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -224,3 +224,9 @@ def _cell_extremes(alpha: Float32Array, axis: int, wrap: Wrap, extreme: np.ufunc
     runs = np.column_stack([np.floor(ends[:-1]) + 1, np.ceil(ends[1:]) + 2]).astype(np.int64)
     cells: Float32Array = extreme.reduceat(texels, runs.ravel(), axis).take(np.arange(0, 2 * count, 2), axis)
     return cells
+
+
+def linear_from_srgb(values: NDArray[np.floating]) -> Float32Array:
+    """Return linear values, float32 in [0, 1], from sRGB in [0, 1] (IEC 61966-2-1)."""
+    values = np.clip(values, 0, 1)
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)

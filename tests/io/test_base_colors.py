@@ -7,8 +7,9 @@ import pytest
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene, write_image
-from aoprecalc.io.images import linear_from_srgb, read_colors
+from aoprecalc.io.images import read_colors
 from aoprecalc.io.meshes import base_colors
+from aoprecalc.texture_lookup import linear_from_srgb
 from gltf_kit.gltf_maker import png
 
 PIXELS = np.random.default_rng(1).integers(0, 256, (4, 8, 3), np.uint8)

@@ -151,6 +151,13 @@ def option(*names: str, **given: Any) -> Callable[[Declared], Declared]:
     return click.option(*names, cls=CliOption, **given)
 
 
+def open_option(command: Declared) -> Declared:
+    """Declare --open, of commands that make what people look at."""
+    return option("--open", "opens", is_flag=True, group="Output", help="Open what was made in the system's viewer.")(
+        command
+    )
+
+
 def options_of(kind: type) -> Callable[[Declared], Declared]:
     """Declare all options of an options class."""
 

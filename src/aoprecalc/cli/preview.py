@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from aoprecalc.cli.console import Console, open_file, say
-from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, MeshCommand, open_option, option, options_of, output_options, take
 from aoprecalc.errors import counted
 from aoprecalc.options import PreviewOptions
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     more="A folder exists, or its name ends in a slash; then it is made. A turntable is `<stem>_turntable.webp` unless "
     "something else is asked for; its frames are `0000.png` and so on.",
 )
-@option("--open", "opens", is_flag=True, group="Output", help="Open what was made in the system's viewer.")
+@open_option
 @option(
     "--texture",
     metavar="FILE",

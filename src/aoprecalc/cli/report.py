@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from aoprecalc.cli.console import Console, open_file, say
-from aoprecalc.cli.options import FILE, Command, option, output_options
+from aoprecalc.cli.options import FILE, Command, open_option, option, output_options
 from aoprecalc.errors import counted
 
 
@@ -21,7 +21,7 @@ from aoprecalc.errors import counted
     help="The page (`.html`), or a folder for it.",
 )
 @option("--title", metavar="TEXT", group="Output", shown="by what it shows", help="Heading of the page.")
-@option("--open", "open_it", is_flag=True, group="Output", help="Open the page in the browser.")
+@open_option
 @option(
     "--before",
     metavar="PATH",
@@ -58,5 +58,5 @@ def report(results: tuple[str, ...], **given: Any) -> None:
         say(f"{written.output}  {found}; {written.bytes / 1e6:.1f} MB")
         if not written.interactive:
             console.note("the page has still pictures in place of 3D views")
-    if given["open_it"]:
+    if given["opens"]:
         open_file(written.path, console)

@@ -215,12 +215,6 @@ def read_colors(path: str | PathLike[str]) -> UInt8Array:
     return np.ascontiguousarray(pixels[:, :, :3] if pixels.shape[2] > 2 else pixels[:, :, :1].repeat(3, axis=2))
 
 
-def linear_from_srgb(values: NDArray[np.floating]) -> Float32Array:
-    """Return linear values, float32 in [0, 1], from sRGB in [0, 1] (IEC 61966-2-1)."""
-    values = np.clip(values, 0, 1)
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
 def _read(path: str | PathLike[str], kind: Literal["float", "uint8"]) -> NDArray[Any]:
     """Read an image as (height, width, channels) of a type of OpenImageIO."""
     import OpenImageIO

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from aoprecalc.mesh.surface import bounding_sphere
 from aoprecalc.types import Float32Array, Float64Array
 
-_TANGENT = float(
-    np.tan(np.radians(13.0))
-)  # of half the vertical angle of view: near enough for depth, hardly distorted
+# Of half the vertical angle of view: near enough for depth, hardly distorted.
+_TANGENT = float(np.tan(np.radians(13.0)))
 _MIN_DISTANCE = 0.3  # of the eye from the nearest point, in radii: for needles seen from their tip, and points
 _CENTERINGS = 4  # steps of a fixed-point iteration
 

@@ -72,10 +72,10 @@ def comparison_picture(pair: PicturePair, names: tuple[str, str] = ("A", "B")) -
     """
     first, second = _fit_to_tile(pair.first), _fit_to_tile(pair.second)
     steps = np.linspace(0, 1, SCALE_STEPS)[None]
-    greys, ends = _grey(steps)[0], [(0.0, "0"), (1.0, "1")]
+    greys, ends = grey_picture(steps)[0], [(0.0, "0"), (1.0, "1")]
     tiles: list[tuple[Picture, Picture, Ticks, str]] = [
-        (_grey(first), greys, ends, names[0]),
-        (_grey(second), greys, ends, names[1]),
+        (grey_picture(first), greys, ends, names[0]),
+        (grey_picture(second), greys, ends, names[1]),
     ]
     if pair.flip is not None:
         signed = diverging_colors(SATURATION_ERROR * (2 * steps[0] - 1))
@@ -106,10 +106,6 @@ def _block_means(values: Float32Array | Float64Array, size: int, axis: int) -> F
     return sums / (counts[:, None] if axis == 0 else counts)
 
 
-def _grey(values: Float64Array) -> Picture:
-    return _to_bytes(values[:, :, None].repeat(3, axis=2))
-
-
 def _heat_colors(values: Float64Array) -> Picture:
     """Map values in [0, 1] to colours: red rises first, then green, then blue."""
     return _to_bytes(3 * values[:, :, None] - (0, 1, 2))
@@ -129,10 +125,9 @@ _OUTLINE, _EDGE = 0.45, 0.82  # brightness of a chart's outline, and of an edge 
 _TONES = (0.0, 0.618034, 0.236068, 0.854102, 0.472136, 0.090170, 0.708204, 0.326238)  # hues, far apart in turn
 
 
-def grey_picture(values: Float32Array) -> Picture:
-    """Return values, (h, w) in [0, 1], as uint8, (h, w)."""
-    picture: Picture = np.floor(np.clip(values, 0, 1).astype(np.float64) * 255 + 0.5).astype(np.uint8)
-    return picture
+def grey_picture(values: NDArray[np.floating]) -> Picture:
+    """Draw values in [0, 1], (h, w), as greys: 0 is black, 1 is white; returns (h, w, 3) uint8."""
+    return _to_bytes(values.astype(np.float64)[:, :, None].repeat(3, axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +221,7 @@ def heat_map_picture(pixels: Float32Array) -> Picture:
 
     Its colours are continued around charts, so that a viewer that interpolates reads no background.
     """
-    colors = grey_picture(pixels[:, :, :3])
+    colors = _to_bytes(pixels[:, :, :3].astype(np.float64))
     if colors.shape[2] != 3:
         colors = colors[:, :, :1].repeat(3, axis=2)
     empty = (colors == BACKGROUND).all(axis=2)

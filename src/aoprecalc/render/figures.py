@@ -15,9 +15,10 @@ from aoprecalc.mesh.surface import active_positions, bounding_sphere
 from aoprecalc.options import BakeOptions, PreviewOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.resolve import ResolvedTexture, lighter_of_sides, pad_and_fill
+from aoprecalc.render.comparison import grey_picture
 from aoprecalc.render.contact_sheet import PAGE, Ticks, contact_sheet, fit_picture, with_scale
 from aoprecalc.render.preview import Panel, Stage, open_stage
-from aoprecalc.types import Baked, Float32Array, Float64Array, Picture, SphereSet, Texture, TexturedMesh
+from aoprecalc.types import Baked, Float64Array, Picture, SphereSet, Texture, TexturedMesh
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.directions import MAX_SHADOW_SIZE, upright_projection
 from aoprecalc.visibility.gather import gather_one_direction
@@ -241,12 +242,6 @@ def figure_sheet(figures: Sequence[Figure], columns: int, title: str) -> Picture
     below = [np.full((whole_height - len(cell), _CELL, 3), PAGE, np.uint8) for cell in cells]
     whole = [np.concatenate(parts) for parts in zip(cells, below, strict=True)]
     return contact_sheet([(cell, figure.caption) for cell, figure in zip(whole, figures, strict=True)], columns, title)
-
-
-def grey_picture(values: Float32Array) -> Picture:
-    """Draw values in [0, 1], (h, w), as greys: 0 is black, 1 is white."""
-    greys: Picture = np.floor(np.clip(values, 0, 1).astype(np.float64) * 255 + 0.5).astype(np.uint8)
-    return greys[:, :, None].repeat(3, axis=2)
 
 
 def _unit_scale(low: str, high: str) -> tuple[Picture, Ticks]:

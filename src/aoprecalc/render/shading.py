@@ -11,7 +11,7 @@ from aoprecalc.mesh.opaque_triangles import opaque_pieces
 from aoprecalc.render.camera import Camera, PictureFrame
 from aoprecalc.render.shadow import AreaLight
 from aoprecalc.render.visible_surface import Fragments
-from aoprecalc.texture_lookup import bilinear_taps, mip_chain
+from aoprecalc.texture_lookup import bilinear_taps, linear_from_srgb, mip_chain
 from aoprecalc.types import (
     BaseColor,
     BoolArray,
@@ -225,9 +225,7 @@ def encode(linear: Float32Array) -> UInt8Array:
 
 def decode(values: UInt8Array) -> Float32Array:
     """Return sRGB bytes as linear values."""
-    table = np.arange(256) / 255
-    table = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4)
-    linear: Float32Array = table.astype(np.float32)[values]
+    linear: Float32Array = linear_from_srgb(np.arange(256) / 255)[values]
     return linear
 
 

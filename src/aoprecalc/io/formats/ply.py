@@ -31,9 +31,9 @@ from aoprecalc.io.formats.base import (
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file, file_beside
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
-from aoprecalc.io.images import linear_from_srgb
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
+from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import BaseColor, Float32Array, Float64Array, Int64Array, Part, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))

@@ -10,8 +10,8 @@ import numpy as np
 
 from aoprecalc.io.formats.base import ColorImages, ImageSource, SourceMaterial, same_file
 from aoprecalc.io.formats.builder import file_beside, read_file
-from aoprecalc.io.images import linear_from_srgb
 from aoprecalc.io.outputs import relative_path
+from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import BaseColor, Float64Array
 
 # Statements that name a texture file.
