@@ -6,6 +6,7 @@ Writes docs/pictures/NAME.png; without names, all of them. three.png, report.png
 Chromium, which need what scripts/setup-viewer and scripts/setup-browser install. (benchmarks/speed.py draws speed.png.)
 """
 
+import contextlib
 import functools
 import http.server
 import io
@@ -37,7 +38,7 @@ ZOOM = 6  # pixels per texel in borders.png
 Picture = np.ndarray  # (height, width, 3) uint8 sRGB
 
 
-def baked(mesh: ao.Mesh | trimesh.Trimesh | Path, **options: object) -> ao.BakeResult:
+def baked(mesh: ao.Mesh | trimesh.Trimesh | Path | str, **options: object) -> ao.BakeResult:
     """Bake a mesh with the directions of all pictures."""
     return ao.bake(mesh, ao.BakeOptions(directions=DIRECTIONS, **options))
 
@@ -47,7 +48,7 @@ def drawn(result: ao.BakeResult, size: tuple[int, int] = CELL, **options: object
     return result.preview(ao.PreviewOptions(size=size, **options))
 
 
-def fitted(mesh: trimesh.Trimesh | Path, count: int, **options: object) -> ao.SphereResult:
+def fitted(mesh: trimesh.Trimesh | Path | str, count: int, **options: object) -> ao.SphereResult:
     """Fit spheres to a mesh."""
     return ao.fit_spheres(mesh, ao.SphereOptions(count, samples=SAMPLES, **options))
 
@@ -287,18 +288,19 @@ def three(folder: Path) -> Picture:
 
 def report(folder: Path) -> Picture:
     """The report of the statue."""
-    result = baked(folder / "statue.obj")
-    result.save(f"{folder}/build/", report=f"{folder}/build/")
-    fitted(folder / "statue.obj", 64, method="shadow").save(f"{folder}/build/")
-    ao.write_report(folder / "build", folder / "report.html")
+    with contextlib.chdir(folder):  # the page shows no absolute paths
+        baked("statue.obj").save("build/", report="build/")
+        fitted("statue.obj", 64, method="shadow").save("build/")
+        ao.write_report("build", "report.html")
     return photographed(f"file://{folder}/report.html", (1000, 1250))
 
 
 def report_batch(folder: Path) -> Picture:
     """The report of a batch of which one mesh is broken."""
     (folder / "assets/props/broken.obj").write_text("v 0 0 0\nf 1 2 3\n")
-    made = ao.batch(folder / "assets", folder / "build", bake=ao.BakeOptions(size=256, directions=DIRECTIONS))
-    ao.write_report(made.report, folder / "report.html")
+    with contextlib.chdir(folder):
+        made = ao.batch("assets", "build", bake=ao.BakeOptions(size=256, directions=DIRECTIONS))
+        ao.write_report(made.report, "report.html")
     return photographed(f"file://{folder}/report.html", (1000, 460))
 
 

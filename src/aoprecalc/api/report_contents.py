@@ -23,6 +23,7 @@ from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
 from aoprecalc.errors import AoprecalcError, InputError, RendererError, counted, option_name
 from aoprecalc.io import read_image
 from aoprecalc.io.images import read_pixels
+from aoprecalc.io.meshes import baked_copy
 from aoprecalc.io.outputs import read_json_object
 from aoprecalc.io.sphere_files import read_spheres
 from aoprecalc.options import PreviewOptions, Shading
@@ -91,8 +92,8 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
         return ReadAsset(asset, error=error.worded(option_name)) if asset.certain else None
     if ao is None and spheres is None and asset.batched is None and asset.bake is None:
         if asset.given and asset.verify is None:
-            told = "" if mesh is None else "; ".join(notes_of(mesh.messages)[-1:])
-            raise InputError(told or f"{asset.mesh}: has no ambient occlusion; {EXPECTED}")
+            advice = (asset.mesh and baked_copy(asset.mesh)) or EXPECTED
+            raise InputError(f"{asset.mesh}: has no ambient occlusion; {advice}")
         return None
     return ReadAsset(asset, mesh, ao, spheres, quality, heat_map)
 

@@ -153,7 +153,9 @@ def _spheres(path: Path, document: dict[str, Any]) -> tuple[Float64Array, Float6
         radii = np.array([sphere["radius"] for sphere in document["spheres"]], np.float64)
     except KeyError as error:
         raise _missing_key(path, error) from error
-    except (TypeError, ValueError, OverflowError) as error:
+    except TypeError as error:
+        raise _not_a_sphere_set(path, "`spheres` is no list of spheres, each with a center and a radius") from error
+    except (ValueError, OverflowError) as error:
         raise _not_a_sphere_set(path, error) from error
     return centers, radii
 
@@ -162,7 +164,7 @@ def _missing_key(path: Path, error: KeyError) -> InputError:
     return InputError(f"{path}: lacks {error}; write it again with `aoprecalc spheres`")
 
 
-def _not_a_sphere_set(path: Path, error: Exception) -> InputError:
+def _not_a_sphere_set(path: Path, error: Exception | str) -> InputError:
     return InputError(f"{path}: is not a sphere set ({error}); write it with `aoprecalc spheres`")
 
 
