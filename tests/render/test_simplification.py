@@ -12,7 +12,7 @@ from aoprecalc.render import simplification
 from aoprecalc.render.simplification import NotSimplifiedError, simplified
 from aoprecalc.render.view_geometry import view_geometry
 from aoprecalc.types import TexturedMesh
-from shapes import ball, join, quad, scene, torus
+from shapes import MESHES, ball, join, quad, scene, torus
 
 
 def shown(positions, faces, uvs=None):
@@ -171,9 +171,9 @@ def test_a_mesh_of_which_nothing_is_left_is_refused(in_process):
 
 @pytest.mark.corpus
 @pytest.mark.slow
-def test_the_nasty_meshes_of_the_corpus_are_shown_or_refused(corpus):
+def test_the_nasty_meshes_of_the_corpus_are_shown_or_refused():
     outcomes = []
-    for path in sorted((corpus / "nasty").rglob("*.*")):
+    for path in sorted((MESHES / "nasty").rglob("*.*")):
         try:
             made = load_scene(path)
         except AoprecalcError:

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from aoprecalc.render import view_geometry as module
 from aoprecalc.render.camera import view_axes
 from aoprecalc.render.simplification import NotSimplifiedError
 from aoprecalc.render.view_geometry import view_geometry, viewer_script
-from aoprecalc.types import BaseColor, TexturedMesh
+from aoprecalc.types import AlphaMask, BaseColor, Material, TexturedMesh
 from shapes import ball, box, quad, quad_uvs, scene, scene_of_parts
 
 VIEWER = Path(module.__file__).parent / "viewer"
@@ -240,6 +241,46 @@ def test_a_mesh_that_stays_large_has_no_view():
     mesh = scene_of_parts(*apart)
     with pytest.raises(NotSimplifiedError, match="too many small pieces"):
         view_geometry(textured(mesh, None), 50)
+
+
+def leaf(cells=1):
+    """A square with v along y whose texture is its place, with a round leaf in it, beside one without a mask."""
+    corners, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells)
+    whole = quad((2, 0, 0), (1, 0, 0), (0, 1, 0))
+    uvs = np.concatenate([quad_uvs((0, 0), (1, 1), cells), quad_uvs((2, 0), (3, 1))])
+    made = scene_of_parts((corners, faces), whole)
+    at = (np.arange(64) + 0.5) / 64 - 0.5
+    alpha = np.clip((0.4 - np.hypot(*np.meshgrid(at, at))) * 32 + 0.5, 0, 1).astype(np.float32)
+    mask = AlphaMask(alpha, uvs[: len(faces)], np.ones((len(faces), 3)), 0.5)
+    pierced = replace(made.parts[0], material=Material(alpha_mask=mask), occludes=False)
+    return textured(replace(made, parts=(pierced, made.parts[1])), uvs)
+
+
+def area_of(view):
+    triangles, columns = unpacked(view.as_json())
+    a, b, c = positions_of(columns)[triangles].transpose(1, 0, 2) * view.scale
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+def test_holes_of_alpha_masks_are_cut_out_with_their_textures_in_place():
+    mesh = leaf()
+    view = view_geometry(mesh, 400)
+    triangles, columns = unpacked(view.as_json())
+    assert 4 < len(triangles) <= 400
+    assert area_of(view) == pytest.approx(1 + np.pi * 0.4**2, rel=0.01)
+    points = view.center + view.scale * positions_of(columns)
+    np.testing.assert_allclose(points[:, :2], np.stack([columns["u"], columns["v"]], axis=1), atol=4e-4)
+    outside = points[:, 0] < 1.5
+    assert np.hypot(points[outside, 0] - 0.5, points[outside, 1] - 0.5).max() < 0.45
+    coarse = view_geometry(mesh, 12)
+    assert 4 < len(coarse.triangles) <= 12
+    assert area_of(coarse) == pytest.approx(1 + np.pi * 0.4**2, rel=0.1)
+
+
+def test_with_too_many_masked_faces_their_holes_stay():
+    view = view_geometry(leaf(cells=10), 350)
+    assert len(view.triangles) == view.total_triangles == 202
+    assert area_of(view) == pytest.approx(2, rel=1e-3)
 
 
 def test_spheres_are_in_the_frame_of_the_mesh():

@@ -32,6 +32,17 @@ def area_vectors(corners: Float64Array) -> Float64Array:
     return vectors
 
 
+def barycentric_weights(faces: Float64Array, points: Float64Array) -> Float64Array:
+    """Return the weights of the corners of (o, 3, 3) triangles at three points of each, (o, 3, 3): points, corners."""
+    sides, places = faces[:, 1:] - faces[:, :1], points - faces[:, :1]
+    size = np.abs(sides).max(axis=(1, 2), keepdims=True)
+    sides, places = (vectors / np.where(size > 0, size, 1) for vectors in (sides, places))
+    of_sides = places @ np.linalg.pinv(sides)  # without area: the least weights
+    weights: Float64Array = np.concatenate([1 - of_sides.sum(axis=2, keepdims=True), of_sides], axis=2)
+    weights[(faces == points).all(axis=(1, 2))] = np.eye(3)
+    return weights
+
+
 def face_normals(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Return (f, 3) unit normals that follow the winding, and which faces have area, (f,) bool, from (f, 3, 3) corners.
 

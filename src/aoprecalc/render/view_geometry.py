@@ -5,7 +5,7 @@ The order of the packed numbers, byte planes of differences, follows "WebGL Mode
 
 import base64
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from aoprecalc.mesh.topology import corners_to_vertices, neighbours_in_a_row
+from aoprecalc.mesh.opaque_triangles import opaque_pieces
+from aoprecalc.mesh.surface import barycentric_weights
+from aoprecalc.mesh.topology import corners_to_vertices, neighbours_in_a_row, unique_rows
 from aoprecalc.render.simplification import Attributes, simplified
-from aoprecalc.types import BoolArray, Float64Array, Int32Array, TexturedMesh, UInt8Array
+from aoprecalc.types import BoolArray, Float64Array, Int32Array, Scene, TexturedMesh, UInt8Array
 
 _FOLDER = Path(__file__).parent / "viewer"
 _SCRIPTS = ("three.min.js", "packed_mesh.js", "surfaces.js", "mesh_view.js")  # in this order
@@ -77,7 +79,7 @@ class Surface:
 class ViewGeometry:
     """A mesh as the 3D view draws it.
 
-    total_triangles   of the mesh that it stands for; as many as `triangles` has where it is that very mesh
+    total_triangles   of the mesh that it stands for; `triangles` has fewer where it was simplified
     center, scale     (3,) and a number: (position - center) / scale is in the unit sphere, where the view has the mesh
     triangles         (t, 3) int32, those of each base texture together
     columns           of the n vertices: x, y, z; nu, nv, the normal (octahedral); surface, an index into `surfaces`;
@@ -133,8 +135,9 @@ def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int
     max_triangles       of the view, >= 1; at most three times as many are left where pieces and holes need them
     base_texture_size   all base textures together have at most the square of it as texels
 
-    A mesh with fewer triangles is kept as it is. The same mesh gives the same bytes. Raises NotSimplifiedError where it
-    cannot be simplified so far, as one of many small pieces.
+    A mesh with fewer triangles is kept as it is, but for the holes of alpha masks, which are cut out as far as
+    `max_triangles` allows; with too many masked faces for that they are not. The same mesh gives the same bytes. Raises
+    NotSimplifiedError where it cannot be simplified so far, as one of many small pieces.
     """
     scene = mesh.scene
     center, scale = _bounding_sphere(scene.positions)
@@ -148,8 +151,9 @@ def view_geometry(mesh: TexturedMesh, max_triangles: int, base_texture_size: int
         attributes["TEXCOORD_0"] = mesh.uvs
     if textures:
         attributes["TEXCOORD_1"] = _base_uvs(mesh)
-    attributes, triangles = _indexed(scene.faces, attributes)
-    inwards = _inwards(attributes["POSITION"][triangles], mesh.normals)
+    faces, attributes = _without_holes(scene, attributes, max_triangles)
+    inwards = _inwards(attributes["POSITION"], attributes["NORMAL"])
+    attributes, triangles = _indexed(faces, attributes)
     triangles[inwards] = triangles[inwards][:, ::-1]
     if len(triangles) > max_triangles:
         attributes, triangles = simplified(attributes, triangles, max_triangles)
@@ -202,6 +206,22 @@ def _base_uvs(mesh: TexturedMesh) -> Float64Array:
         if base.texture is not None and base.uvs is not None:
             uvs[part.faces] = base.uvs
     return uvs
+
+
+def _without_holes(scene: Scene, attributes: Attributes, max_triangles: int) -> tuple[Int32Array, Attributes]:
+    """Cut out the holes of alpha masks: faces, (o, 3), of places, and attributes at their corners, (o, 3, c)."""
+    masked = scene.per_face(part.material.alpha_mask is not None for part in scene.parts)
+    max_pieces = max_triangles - np.count_nonzero(~masked)
+    if not masked.any() or max_pieces < 2 * np.count_nonzero(masked):
+        return scene.faces, attributes
+    parts = tuple(replace(part, occludes=True) for part in scene.parts)
+    corners, face_of = opaque_pieces(replace(scene, parts=parts), int(max_pieces))
+    if not len(corners):
+        return scene.faces, attributes
+    weights = barycentric_weights(scene.corners[face_of], corners)
+    cut = {name: weights @ values[face_of] for name, values in attributes.items()}
+    cut["_SURFACE"] = attributes["_SURFACE"][face_of]
+    return unique_rows(corners.reshape(-1, 3))[1].reshape(-1, 3).astype(np.int32), cut
 
 
 def _indexed(faces: Int32Array, attributes: Attributes) -> tuple[Attributes, Int32Array]:
