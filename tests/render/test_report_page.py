@@ -206,6 +206,15 @@ def test_without_three_js_there_are_stills_and_no_data():
     assert page.html.count('data-still="ao"') == 2
 
 
+def test_a_measured_error_replaces_its_estimate_in_the_table():
+    estimated = AssetPage("a", "read", figures=(Figure("estimate", "Estimated error", "0.02", 0.02),))
+    measured = AssetPage("b", "read", figures=(Figure("error", "RMS error", "0.01", 0.01),))
+    for assets, shown in (([estimated, estimated], ["estimate"]), ([estimated, measured], ["error"])):
+        headings = [attributes for tag, attributes, _ in Elements(render_page(assets, "t").html).found if tag == "th"]
+        columns = [heading["data-column"] for heading in headings if "data-column" in heading]
+        assert columns == ["name", *shown, "warnings"]
+
+
 def test_a_script_cannot_end_its_element():
     script = "const a = '</script><b>'; const c = '<!--<script>';"
     page = render_page([whole("a")], "t", viewer=script)

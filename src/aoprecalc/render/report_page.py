@@ -18,6 +18,7 @@ import numpy as np
 
 from aoprecalc import __version__
 from aoprecalc.errors import counted
+from aoprecalc.render.comparison import SATURATION_ERROR
 from aoprecalc.types import Picture
 
 Status = Literal["made", "unchanged", "cached", "read", "failed", "stopped", "unreadable", "removed"]
@@ -285,6 +286,7 @@ def render_page(assets: Sequence[AssetPage], title: str, *, before: str = "", vi
             script=script,
             viewer=scripts[1] if viewer else "",
             version=__version__,
+            full_colour=f"{SATURATION_ERROR:g}",
         )
     )
     return Page(html, title, tuple(ordered), interactive=any(asset.view is not None for asset in ordered))
