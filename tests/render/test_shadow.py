@@ -4,6 +4,7 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from aoprecalc.gl.context import open_renderer
 from aoprecalc.gl.triangles import TriangleDrawer
@@ -18,7 +19,7 @@ from aoprecalc.render.shadow import (
     sky_directions,
 )
 from aoprecalc.render.visible_surface import RayDrawer, SphereDrawer
-from shapes import ball, clutter
+from shapes import ball, clutter, disc
 
 CENTER, RADIUS, GROUND = np.array([0.1, 0.0, -0.2]), 0.4, -0.9
 LIGHT = AreaLight(tuple(view_axes(-30, 55)[2].tolist()), np.radians(14))
@@ -84,6 +85,17 @@ def test_the_sky_is_hidden_by_the_form_factor_of_the_sphere(sphere):
     assert np.abs(sky - expected).max() < 0.03
     assert np.abs(sky - expected).mean() < 0.006
     assert sky.max() == pytest.approx((RADIUS / (CENTER[1] - GROUND)) ** 2, abs=0.02)
+
+
+@pytest.mark.parametrize("size", [96, 384])
+def test_the_edge_of_what_lies_on_the_ground_has_no_steps(size):
+    positions, faces = disc(RADIUS, 0.0)
+    corners = (positions[:, [0, 2, 1]] + (0, GROUND, 0))[faces].astype(np.float32)
+    window = np.array([-0.8, -0.8, 1.6])
+    blocked = cast_shadow(RayDrawer(corners, corners), np.array([[0.0, 1.0, 0.0]]), GROUND, window, size)
+    turn = np.linspace(0, 2 * np.pi, 500)
+    rim = (RADIUS * np.stack([np.sin(turn), np.cos(turn)]) + 0.8) * size / 1.6 - 0.5
+    assert np.ptp(map_coordinates(blocked, rim, order=1)) < 0.25
 
 
 def test_many_spheres_are_their_union():

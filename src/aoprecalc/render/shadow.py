@@ -18,6 +18,7 @@ _WIDEN, _MIN_SIDE = 1.6, 0.5  # side of the map in extents of the shadow, and th
 _FADE = 0.3  # of half the side: where the shadow fades away
 _MANY_TRIANGLES, _STEP = 20_000, 0.01  # beyond as many triangles, vertices that cast shadows lie on a grid; radii
 _BLUR = 2.0 / MAX_MAP  # sides of the map: standard deviation of what hides the steps between directions
+_MIN_BLUR = 1.2  # points of the map: what hides its steps along the edge where the mesh touches the ground
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ def _look_up(values: Float32Array, column: Float32Array, row: Float32Array) -> F
 
 def _blurred(values: Float32Array) -> Float32Array:
     """Convolve (n, n) values with a Gaussian."""
-    blur = _BLUR * len(values)
+    blur = max(_BLUR * len(values), _MIN_BLUR)
     reach = int(np.ceil(3 * blur))
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / blur) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
