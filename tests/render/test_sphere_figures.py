@@ -67,7 +67,7 @@ def test_dots_cover_their_share_and_nothing_but_the_mesh(backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_sphere_in_place_of_a_ball_gives_the_same_outline_and_shadow(backend):
-    mesh = drawable(ball(5))
+    mesh = drawable(ball(4))
     pictures = drawn(mesh, np.zeros((0, 3)), [fitted([[0, 0, 0]], [1])], backend, size=(240, 180))
     ground = drawn(mesh, np.zeros((0, 3)), [fitted([[0, 0, 0]], [0])], backend, size=(240, 180))["1_5_lloyd"]
     of_mesh, of_sphere = ((pictures[name] != ground).any(axis=2) for name in ("1_5_mesh", "1_5_lloyd"))
@@ -77,13 +77,28 @@ def test_a_sphere_in_place_of_a_ball_gives_the_same_outline_and_shadow(backend):
     assert np.abs(pictures["1_5_mesh"] - pictures["1_5_lloyd"])[outside].mean() < 3  # the shadows
 
 
-def test_spheres_that_swallow_the_mesh_do_not_move_the_camera_far():
-    mesh = drawable(ball(3))
-    alone = drawn(mesh, [], [fitted([[0, 0, 0]], [1])], "ray")["1_5_mesh"]
-    beside = drawn(mesh, [], [fitted([[0, 0, 0]], [1]), fitted([[0, 30, 0]], [30.9], "algebraic")], "ray")
-    backdrop = drawn(mesh, [], [fitted([[0, 0, 0]], [0])], "ray")["1_5_lloyd"]
-    sizes = [np.abs(picture - backdrop).sum(axis=2) > 60 for picture in (alone, beside["1_5_mesh"])]
-    assert 0.5 < sizes[1].sum() / sizes[0].sum() <= 1.1
+@pytest.mark.parametrize("radius", [30.9, 60.0])
+def test_spheres_far_larger_than_the_mesh_do_not_move_the_camera(radius):
+    """One that ends just above the mesh, and one that holds the camera: the mesh's picture has the same bytes."""
+    mesh, sphere = drawable(ball(2)), fitted([[0, 0, 0]], [1])
+    alone = drawn(mesh, [], [sphere], "ray", size=(80, 60))
+    huge = fitted([[0, 30, 0], [0, 0, 0]], [radius, 1], "algebraic")
+    beside = drawn(mesh, [], [sphere, huge], "ray", size=(80, 60))
+    for name, picture in alone.items():
+        np.testing.assert_array_equal(picture, beside[name])
+    assert (beside["1_5_algebraic"] != alone["1_5_lloyd"]).any()
+
+
+def test_the_caption_says_how_many_spheres_may_leave_the_picture():
+    mesh = drawable(ball(1))
+    sets = [
+        fitted([[0, 0, 0], [0, 0.2, 0]], [1, 1]),
+        fitted([[0, 0, 0], [0, 5, 0], [0, 0, 0.6]], [1, 1, 1], "algebraic"),
+    ]
+    figures = sphere_figures(mesh, np.zeros((0, 3)), sets, PreviewOptions(**{**LOOK, "size": (80, 60)}), Progress())
+    inside, leaving = (figure.caption for figure in figures[2:])
+    assert "leave" not in inside
+    assert "2 spheres beyond 1.25 radii of the mesh may leave the picture." in leaving
 
 
 def test_the_samples_are_those_that_spheres_are_fitted_to():

@@ -17,7 +17,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.resolve import ResolvedTexture, lighter_of_sides, pad_and_fill
 from aoprecalc.render.comparison import grey_picture
 from aoprecalc.render.contact_sheet import PAGE, Ticks, contact_sheet, fit_picture, with_scale
-from aoprecalc.render.preview import Panel, Stage, open_stage
+from aoprecalc.render.preview import REACH, Panel, Stage, open_stage
 from aoprecalc.types import Baked, Float64Array, Picture, SphereSet, Texture, TexturedMesh
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.directions import MAX_SHADOW_SIZE, upright_projection
@@ -29,7 +29,6 @@ _NEAREST, _FARTHEST = 0.94, 0.10  # their greys
 _RAY_SIZE = 1024  # pixels a side of depth maps where the bake has none
 _MARGIN = 0.04  # of a depth map's side that stays empty at each side
 _CELL = 640  # pixels a side of the pictures in a sheet
-_SPHERES_REACH = 0.2  # radii beyond the mesh to which spheres are framed: algebraic ones may swallow the mesh
 _DOT = (24, 62, 118)  # sRGB
 _DOTS_SHARE = 0.2  # of the mesh's pixels that dots cover
 _MIN_DOT, _MAX_DOT = 0.1, 2.5  # their radius, in pixels
@@ -188,19 +187,23 @@ def sphere_figures(
     All are drawn by one camera and one light.
     """
     sets = [(entry.spheres.centers, entry.spheres.radii) for entry in fitted]
-    with open_stage(mesh, sets, options.width, options, progress, _SPHERES_REACH) as stage:
+    with open_stage(mesh, sets, options.width, options, progress) as stage:
         drawn = stage.draw(Panel())
         dotted = _draw_points(drawn, stage, samples)
+        beyond = stage.beyond
         balls = [stage.draw(Panel(mesh=False, spheres=number, shadow_of=number)) for number in range(len(sets))]
     points, triangles = counted(len(samples), "point"), counted(len(mesh.scene.faces), "triangle")
     told = [
         ("samples", dotted, f"{points} on the surface", "Uniform by area. Spheres are fitted to them."),
         ("mesh", drawn, triangles, "What the spheres stand in for, and its soft shadow."),
     ]
-    for entry, picture in zip(fitted, balls, strict=True):
+    for entry, picture, leaving in zip(fitted, balls, beyond, strict=True):
         method, count = entry.spheres.method, counted(len(entry.spheres), "sphere")
         quality = f"silhouette IoU {entry.silhouette_iou:.3f}, surface error {entry.surface_error:.4f} of the diagonal"
-        told.append((method, picture, count, f"{_METHODS[method]}; {quality}. The shadow is theirs."))
+        cut = (
+            f" {counted(leaving, 'sphere')} beyond {REACH} radii of the mesh may leave the picture." if leaving else ""
+        )
+        told.append((method, picture, count, f"{_METHODS[method]}; {quality}. The shadow is theirs.{cut}"))
     return tuple(
         Figure(f"1_5_{name}", picture, f"Figure 1.5, {name}: {shown}\n{more}") for name, picture, shown, more in told
     )

@@ -34,6 +34,7 @@ _MAX_SAMPLES = 1 << 25  # drawn at once
 # The key light: degrees around the upward axis from the camera, degrees above the ground, angular radius in radians.
 _TURN, _RISE, _RADIUS = -48.0, 52.0, np.radians(14.0)
 _GROUND_TURN, _GROUND_RISE, _GROUND_RADIUS = -62.0, 47.0, np.radians(10.0)  # where shadows are compared
+REACH = 1.25  # of the mesh's radii: spheres beyond do not count for the framing, and may leave the picture
 _FILL, _SHADOW_FILL = 0.84, 0.95  # share of the picture's width and height for the mesh, and for its shadow
 _SHADOW_SHARE = 0.6  # share of the shadow that must be in the picture
 _MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there is a ground
@@ -93,19 +94,17 @@ def open_stage(
     width: int,
     options: PreviewOptions,
     progress: Progress,
-    reach: float = np.inf,
 ) -> Iterator["Stage"]:
     """Put a mesh and sets of spheres on the ground, to draw them by the same cameras and lights.
 
     width   of a panel
-    reach   radii beyond the mesh's bounding box to which spheres count for the framing; they may leave the picture
     """
     frame = PictureFrame.from_positions(mesh.scene.positions, up_axis(mesh.scene, options))
     drawn = PictureMesh.from_mesh(mesh, frame)
     balls = [(frame.points(centers), radii / frame.radius) for centers, radii in sets]
-    of_mesh = frame.points(mesh.scene.positions)
-    points = _bounds(of_mesh, balls)
-    framed = np.clip(points, of_mesh.min(axis=0) - reach, of_mesh.max(axis=0) + reach)
+    near = [np.linalg.norm(centers, axis=1) + sizes <= REACH for centers, sizes in balls]
+    framed = [(centers[chosen], sizes[chosen]) for (centers, sizes), chosen in zip(balls, near, strict=True)]
+    points = _bounds(frame.points(mesh.scene.positions), framed)
     ground = float(points[:, 1].min())
     azimuths = _azimuths(options)
     lights = [_light(azimuth, options.ground) for azimuth in azimuths]
@@ -113,14 +112,26 @@ def open_stage(
     for azimuth, light in zip(azimuths, lights, strict=True):
         axes = view_axes(azimuth, options.elevation)
         share = 0.0 if not _sees_ground(axes) else 1.0 if options.ground else _SHADOW_SHARE
-        shadow = framed + share * (shadow_points(framed, ground, light) - framed)
-        views.append((axes, [(framed, _FILL), (shadow, _SHADOW_FILL)]))
+        shadow = points + share * (shadow_points(points, ground, light) - points)
+        views.append((axes, [(points, _FILL), (shadow, _SHADOW_FILL)]))
     cameras = frame_views(views, width, options.height)
     window = shadow_window(points, ground, lights)
     sphere_drawers = [SphereDrawer(*ball) for ball in balls]
     with open_drawers(drawn, options, progress) as (drawer, glass):
         yield Stage(
-            frame, drawn, drawer, glass, balls, sphere_drawers, points, ground, window, cameras, lights, options
+            frame,
+            drawn,
+            drawer,
+            glass,
+            balls,
+            [int(np.count_nonzero(~chosen)) for chosen in near],
+            sphere_drawers,
+            points,
+            ground,
+            window,
+            cameras,
+            lights,
+            options,
         )
 
 
@@ -197,7 +208,8 @@ class Stage:
     """What stands on the ground, in the picture's frame, and the cameras and lights of each view.
 
     sets       sets of spheres
-    points     (k, 3) float64: bounds of everything
+    beyond     of each set, how many spheres do not count for the framing
+    points     (k, 3) float64: bounds of the mesh and of the spheres that count
     ground     the ground's height
     window     the part of the ground that has shadows, see GroundShadow
     """
@@ -207,6 +219,7 @@ class Stage:
     mesh_drawer: SurfaceDrawer
     glass_drawer: SurfaceDrawer | None
     sets: Sequence[Spheres]
+    beyond: Sequence[int]
     sphere_drawers: Sequence[SurfaceDrawer]
     points: Float64Array
     ground: float
