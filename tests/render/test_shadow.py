@@ -109,6 +109,23 @@ def test_many_spheres_are_their_union():
     assert np.abs(exact - traced).mean() < 0.004 * len(directions)
 
 
+@pytest.mark.parametrize("height", [-0.3, 0.0, 0.25, 0.5])
+@pytest.mark.parametrize("elevation", [10, 45, 90])
+def test_what_is_under_the_ground_casts_no_shadow(height, elevation):
+    size, radius, center = 96, 0.5, np.array([0.1, height, -0.2])
+    window = np.array([-2.0, -2.0, 4.0])
+    at = -2 + (np.arange(size) + 0.5) * 4 / size
+    points = np.stack(np.broadcast_arrays(at, 0.0, at[:, None]), axis=-1)
+    for azimuth in (0, 70, 200):
+        light = view_axes(azimuth, elevation)[2]
+        found = SphereDrawer(center[None], np.array([radius])).count_shadows(light[None], 0.0, window, size)
+        towards = center - points
+        middle = towards @ light
+        gap = radius**2 - (towards**2).sum(axis=-1) + middle**2  # half the chord, squared
+        expected = (gap >= 0) & (middle + np.sqrt(np.maximum(gap, 0)) >= 0)  # its far end is above the ground
+        np.testing.assert_array_equal(found > 0, expected)
+
+
 def test_gl_and_rays_cast_the_same_shadow(renderer):
     positions, faces = clutter(5)
     corners = (positions / np.linalg.norm(positions, axis=1).max())[faces].astype(np.float32)

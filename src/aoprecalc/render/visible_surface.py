@@ -121,14 +121,12 @@ class SphereDrawer:
     def count_shadows(self, directions: Float64Array, ground: float, window: Float64Array, size: int) -> Float32Array:
         """Return how many directions are blocked, see SurfaceDrawer."""
         above = self._centers[:, 1] + self._radii > ground
-        centers = self._centers[above]
         scale = size / window[2]
+        centers = (self._centers[above] - [window[0], ground, window[1]]) * scale
         radii = self._radii[above] * scale
         counts = np.zeros(size * size, np.float32)
         for light in directions:
-            along = light[[0, 2]] / light[1]
-            at = (centers[:, [0, 2]] - along * (centers[:, 1:2] - ground) - window[:2]) * scale
-            counts += _covered_by_ellipses(at[:, 0], at[:, 1], radii, light, size)
+            counts += _shadowed_by_spheres(centers, radii, light, size)
         return counts.reshape(size, size)
 
 
@@ -185,14 +183,15 @@ def _sphere_bounds(
     return bounds[0], bounds[1]
 
 
-def _covered_by_ellipses(
-    x: Float64Array, z: Float64Array, radii: Float64Array, light: Float64Array, size: int
-) -> BoolArray:
+def _shadowed_by_spheres(centers: Float64Array, radii: Float64Array, light: Float64Array, size: int) -> BoolArray:
     """Return which points of a square grid lie in the shadow of any of n spheres in one direction, (size * size,).
 
-    x, z, radii   (n,), in steps of the grid, whose points are at halves: where the centres' shadows are
+    centers   (n, 3), in steps of the grid on the ground y = 0, whose points are at halves
+    radii     (n,), in the same steps
     """
-    # A point e from the shadow of the centre is in shadow where |e|^2 - (e.l)^2 <= r^2.
+    x, z = (centers[:, axis] - light[axis] / light[1] * centers[:, 1] for axis in (0, 2))
+    sunk = centers[:, 1] < radii
+    # A point e from the shadow of the centre is in shadow where |e|^2 - (e.l)^2 <= r^2: an ellipse.
     a = 1 - light[0] ** 2
     reach = radii * np.sqrt(a) / light[1]
     first = np.clip(np.ceil(z - reach - 0.5), 0, size).astype(np.int64)
@@ -204,13 +203,37 @@ def _covered_by_ellipses(
         away = row + 0.5 - z[sphere]
         b = light[0] * light[2] * away
         half = np.sqrt(np.maximum(b * b - a * (away**2 * (1 - light[2] ** 2) - radii[sphere] ** 2), 0))
-        begin, stop = (
-            np.clip(np.ceil(x[sphere] + (b + sign * half) / a - 0.5), 0, size).astype(np.int64) for sign in (-1, 1)
-        )
+        ends = x[sphere] + np.stack([b - half, b + half]) / a
+        if (index := np.flatnonzero(sunk[sphere])).size:
+            chosen = sphere[index]
+            ends[:, index] = _above_ground(ends[:, index], row[index] + 0.5, centers[chosen], radii[chosen], light)
+        begin, stop = np.clip(np.ceil(ends - 0.5), 0, size).astype(np.int64)
         changes += np.bincount(row * pitch + begin, minlength=len(changes))
         changes -= np.bincount(row * pitch + stop, minlength=len(changes))
     covered: BoolArray = np.cumsum(changes.reshape(size, pitch)[:, :size], axis=1) > 0
     return covered.ravel()
+
+
+def _above_ground(
+    ends: Float64Array, row: Float64Array, centers: Float64Array, radii: Float64Array, light: Float64Array
+) -> Float64Array:
+    """Return what is left of k rows of the shadows of spheres, (2, k) ends, without what only their lower parts cast.
+
+    row   (k,): z of each
+
+    That is the points inside the sphere, and those from which its centre is not behind, seen along the light.
+    """
+    away = centers[:, 2] - row
+    squared = radii**2 - centers[:, 1] ** 2 - away**2
+    inside = np.where(squared > 0, np.sqrt(np.maximum(squared, 0)), -np.inf)
+    bound = centers @ light - light[2] * row  # of x times the light's x
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = np.nan_to_num(bound / abs(light[0]), nan=np.inf)
+    low, high = (ends[0], np.minimum(ends[1], bound)) if light[0] >= 0 else (np.maximum(ends[0], -bound), ends[1])
+    empty = low > high
+    low, high = np.where(empty, np.inf, low), np.where(empty, -np.inf, high)
+    both = np.minimum(low, centers[:, 0] - inside), np.maximum(high, centers[:, 0] + inside)
+    return np.where(both[0] > both[1], ends[:1], np.stack(both))
 
 
 @dataclass(frozen=True, eq=False)
