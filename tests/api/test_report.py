@@ -323,6 +323,18 @@ def test_without_the_simplifier_large_meshes_have_still_pictures_and_the_page_sa
     assert page.stills
 
 
+@pytest.mark.parametrize("text", ["{", "[]", '{"unwrap": 1, "texels": 2}', '{"unwrap": 1, "texels": 2, "schema": -1}'])
+def test_a_damaged_report_in_a_folder_costs_no_other_asset(after, tmp_path, text):
+    write(after / "bowl_report.json", text)
+    with pytest.raises(ao.InputError, match=r"bowl_report\.json"):
+        collect_assets(after / "bowl_report.json")
+    listed = batch_document(outputs=[f"{after}/bowl_ao.obj", f"{after}/bowl_ao.png", f"{after}/bowl_report.json"])
+    for results in (after, write(tmp_path / "batch.json", json.dumps(listed | {"output": str(after)}))):
+        written = write_report(results, tmp_path / "p.html")
+        assert [(asset.name, asset.status) for asset in written.assets] == [("bowl", "unreadable")]
+        assert "bowl_report.json" in written.path.read_text()
+
+
 # The file.
 
 

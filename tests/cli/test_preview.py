@@ -97,6 +97,11 @@ BAD = {
     "a turntable of one picture": (["sheet.obj", "--turntable", "-o", "p.png"], 2, "a turntable is an animated .webp"),
     "frames of no turntable": (["sheet.obj", "--frames", "9"], 2, "--turntable"),
     "a turntable of views": (["sheet.obj", "--turntable", "--views", "2"], 2, "use one of them"),
+    "more frames than memory": (
+        ["sheet.obj", "--turntable", "--frames", "720", "--size", "4096"],
+        2,
+        "pixels, at most",
+    ),
     "broken spheres": (["sheet.obj", "--spheres", "broken.json"], 4, "broken.json"),
     "missing spheres": (["sheet.obj", "--spheres", "none.json"], 4, "none.json"),
     "spheres of no kind": (["sheet.obj", "--spheres", "sheet.mtl"], 4, ".mtl"),
@@ -117,7 +122,7 @@ def test_failures_are_one_line_and_leave_nothing(case, folder, run):
     words, code, expected = BAD[case]
     (folder / "taken" / "0001.png").mkdir(parents=True)
     before = {path: (folder / path).read_bytes() for path in listing(folder)}
-    done = run(folder, "preview", *words, *SMALL)
+    done = run(folder, "preview", *SMALL, *words)
     assert done.returncode == code, done.stderr
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert len(errors) == 1

@@ -5,6 +5,7 @@ Files belong together where they are in one folder and have one stem, but for th
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
@@ -76,6 +77,7 @@ class AssetFiles:
     spheres   a sphere set
     certain   it is a result: named by the user or a report, or by its ending; else a mesh that may have a texture
     others    files of the same stem that are not shown
+    damage    why one of its reports cannot be read; empty where all can
     """
 
     name: str
@@ -89,6 +91,7 @@ class AssetFiles:
     certain: bool = False
     given: bool = False
     others: tuple[Path, ...] = ()
+    damage: str = ""
 
     @property
     def failed(self) -> bool:
@@ -128,6 +131,7 @@ class _Entry:
     batched: BatchedAsset | None = None
     certain: bool = False
     given: bool = False
+    damage: str = ""
 
 
 class _Collection:
@@ -140,11 +144,10 @@ class _Collection:
     def assets(self) -> tuple[AssetFiles, ...]:
         """Return what was found, with distinct names."""
         finished = [_finished(entry) for entry in self._entries.values()]
-        names = [asset.name for asset in finished]
-        keys = list(self._entries)
+        count = Counter(asset.name for asset in finished)
         distinct = [
-            replace(asset, name=f"{folder}/{stem}") if names.count(asset.name) > 1 else asset
-            for asset, (folder, stem) in zip(finished, keys, strict=True)
+            replace(asset, name=f"{folder}/{stem}") if count[asset.name] > 1 else asset
+            for asset, (folder, stem) in zip(finished, self._entries, strict=True)
         ]
         return tuple(sorted(distinct, key=lambda asset: asset.name))
 
@@ -200,17 +203,22 @@ class _Collection:
         return self._entries[key]
 
     def _add_json(self, path: Path, *, given: bool) -> bool:
-        """Add a report or a sphere set; tell whether it is one."""
+        """Add a report or a sphere set; tell whether it is one. A damaged one is raised where `given`, else noted."""
+        document: dict[str, Any] | None = None
         try:
             document = read_json_object(path)
-        except InputError:
-            if given or path.stem.lower().endswith(SUFFIXES):
+            if isinstance(document.get("spheres"), list):
+                self._add("spheres", path, given=given)
+                return True
+            return self.add_document(document, path, str(path), given=given)
+        except InputError as error:
+            if path.stem.lower().endswith(SUFFIXES) and not given:
+                entry = self._entry(_key(path))
+                entry.certain, entry.damage = True, str(error)
+                return True
+            if given or document is not None:
                 raise
             return False
-        if isinstance(document.get("spheres"), list):
-            self._add("spheres", path, given=given)
-            return True
-        return self.add_document(document, path, str(path), given=given)
 
     def add_document(self, document: dict[str, Any], path: Path, label: str, *, given: bool) -> bool:
         """Add a report; tell whether the document is one.
@@ -271,7 +279,10 @@ class _Collection:
                     known = entry.files.setdefault(role, [])
                     known.extend([] if path in known else [path])
                 elif _ends(path, "_report") and path.suffix.lower() == ".json":
-                    entry.bake = _typed(read_json_object(path), BakeReport, str(path))
+                    try:
+                        entry.bake = _typed(read_json_object(path), BakeReport, str(path))
+                    except InputError as error:
+                        entry.damage = str(error)
 
 
 def _finished(entry: _Entry) -> AssetFiles:
@@ -294,19 +305,9 @@ def _finished(entry: _Entry) -> AssetFiles:
         source = _located(given or None, Path())
         if source is not None and "spheres" in chosen:
             chosen["mesh"] = source
-    return AssetFiles(
-        entry.name,
-        chosen.get("mesh"),
-        chosen.get("texture"),
-        chosen.get("spheres"),
-        chosen.get("heat_map"),
-        entry.bake,
-        entry.verify,
-        entry.batched,
-        entry.certain,
-        entry.given,
-        tuple(others),
-    )
+    same = {name: getattr(entry, name) for name in ("bake", "verify", "batched", "certain", "given", "damage")}
+    files: dict[str, Any] = {str(role): path for role, path in chosen.items()}
+    return AssetFiles(entry.name, **files, **same, others=tuple(others))
 
 
 def _kind_of(document: dict[str, Any]) -> Literal["bake", "verify", "batch"] | None:

@@ -90,12 +90,12 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
         if asset.given:
             raise
         return ReadAsset(asset, error=error.worded(option_name)) if asset.certain else None
-    if ao is None and spheres is None and asset.batched is None and asset.bake is None:
+    if ao is None and spheres is None and asset.batched is None and asset.bake is None and not asset.damage:
         if asset.given and asset.verify is None:
             advice = (asset.mesh and baked_copy(asset.mesh)) or EXPECTED
             raise InputError(f"{asset.mesh}: has no ambient occlusion; {advice}")
         return None
-    return ReadAsset(asset, mesh, ao, spheres, quality, heat_map)
+    return ReadAsset(asset, mesh, ao, spheres, quality, heat_map, error=asset.damage)
 
 
 def _quality(path: Path) -> SphereQuality | None:

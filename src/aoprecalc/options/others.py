@@ -24,6 +24,8 @@ _run = partial(Option, group="Run")
 _cache = partial(Option, group="Cache")
 _cluster = partial(Option, group="Cluster")
 
+_MAX_PIXELS = 1 << 29  # of all views or frames of a preview, which are held at once
+
 # fmt: off
 # One paragraph an option: its type, help, range, what the documentation adds, and its default.
 
@@ -153,6 +155,13 @@ class PreviewOptions(Validated):
         super().__post_init__()
         if self.turntable and self.views > 1:
             raise ArgumentError("turntable", "and {views} both say which views to draw; use one of them", "views")
+        count = self.frames if self.turntable else self.views
+        if count * self.width * self.height > _MAX_PIXELS:
+            raise ArgumentError(
+                "size",
+                f"is {self.width} x {self.height}: {count} of them are {count * self.width * self.height / 1e6:,.0f} "
+                f"million pixels, at most {_MAX_PIXELS / 1e6:,.0f} million are drawn at once; use a smaller one",
+            )
         if not self.turntable and self.frames != PreviewOptions.frames:
             raise ArgumentError("frames", "are those of a {turntable}; add it, or omit {frames}", "turntable", "frames")
 
