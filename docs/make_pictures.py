@@ -162,8 +162,9 @@ def leaks(_: Path) -> Picture:
     plate = trimesh.creation.box(bounds=[(-0.9, -0.12, -0.9), (0.9, 0, 0.9)])
     post = trimesh.creation.box(bounds=[(-0.3, -0.06, -0.3), (0.3, 0.55, 0.3)])
     mesh = trimesh.util.concatenate([plate, post])
-    sizes = (64, 512)
-    return contact_sheet([(drawn(baked(mesh, size=size, normals="flat")), f"--size {size}") for size in sizes], 2)
+    results = {size: baked(mesh, size=size, normals="flat") for size in (64, 512)}
+    cells = [(drawn(result, (440, 340), elevation=42), f"--size {size}") for size, result in results.items()]
+    return contact_sheet(cells, 2)
 
 
 def cut_open(result: ao.BakeResult) -> Picture:
@@ -318,10 +319,9 @@ def sphere_figures(folder: Path) -> Picture:
 
 
 def page_wide(sheet: Picture) -> Picture:
-    """Scale a sheet to the width of a page, in 128 colours."""
-    image = Image.fromarray(sheet)
-    small = image.resize((PAGE_WIDTH, round(PAGE_WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)
-    return np.asarray(small.quantize(128, dither=Image.Dither.NONE).convert("RGB"))
+    """Scale a sheet to the width of a page."""
+    size = PAGE_WIDTH, round(PAGE_WIDTH * sheet.shape[0] / sheet.shape[1])
+    return np.asarray(Image.fromarray(sheet).resize(size, Image.Resampling.LANCZOS))
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
