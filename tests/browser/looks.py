@@ -40,7 +40,8 @@ def live_view(page, name):
 
 def pixels(locator):
     """What an element shows, (h, w, 3) int."""
-    locator.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    if locator.page.evaluate("() => document.documentElement.classList.contains('js')"):  # else no frame is ever told
+        locator.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     return np.asarray(Image.open(BytesIO(locator.screenshot())).convert("RGB"), int)
 
 
