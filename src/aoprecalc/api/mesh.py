@@ -196,7 +196,7 @@ class Mesh:
         if self.uvs is not None:
             uv = self.uvs.reshape(-1, 2)[split.corner]
             image = None if values is None else _picture(values)
-            visual = trimesh.visual.TextureVisuals(uv=uv, image=image)  # type: ignore[no-untyped-call]
+            visual = trimesh.visual.TextureVisuals(uv=uv, image=image)  # type: ignore[no-untyped-call]  # has no types
         return trimesh.Trimesh(
             self.vertices[self.faces.reshape(-1)[split.corner]],
             split.triangles,
