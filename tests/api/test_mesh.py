@@ -115,12 +115,6 @@ def test_trimesh_without_uvs(ring):
         ao.Mesh.from_trimesh(trimesh.Scene([plain]))
 
 
-def test_without_pillow_the_error_says_so(baked, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "PIL", None)
-    with pytest.raises(ao.AoprecalcError, match="pip install pillow"):
-        baked.mesh.to_trimesh()
-
-
 def test_a_texture_is_an_array_a_path_or_the_meshs_own(ring, baked, tmp_path):
     pytest.importorskip("embreex")
     options = ao.VerifyOptions(points=300, rays=64)

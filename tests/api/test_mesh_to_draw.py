@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import aoprecalc as ao
-from aoprecalc.api.textured_surface import mesh_to_draw, textured_mesh
+from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.errors import ArgumentError, InputError, UsageError
 from aoprecalc.io import write_colors, write_image
 from aoprecalc.options import BakeOptions
@@ -40,6 +40,11 @@ def baked(tent):
     """The result of a bake of the tent, and the files of it."""
     result = ao.bake(tent, BakeOptions(**QUICK))
     return result, result.save(tent.parent / "out.obj")
+
+
+def textured_mesh(*given):
+    """The mesh with its texture, without what is told about it."""
+    return mesh_to_draw(*given).mesh
 
 
 def same(mesh, result):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Union
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aoprecalc.errors import AoprecalcError, ArgumentError, counted
+from aoprecalc.errors import ArgumentError, counted
 from aoprecalc.io import load_scene, scene_from_arrays, texture_values
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.options import ValueOptions
@@ -180,8 +180,6 @@ class Mesh:
         ------
         ArgumentError
             If `ao` is not a texture, or the mesh has no UVs for it.
-        AoprecalcError
-            If Pillow, which makes the picture, is not installed.
         """
         import trimesh
 
@@ -292,8 +290,6 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _picture(values: Float32Array) -> Any:
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise AoprecalcError("to_trimesh needs Pillow for the picture; run `pip install pillow`") from error
+    from PIL import Image
+
     return Image.fromarray(np.floor(255 * values + 0.5).astype(np.uint8))

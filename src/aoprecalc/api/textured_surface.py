@@ -25,7 +25,7 @@ from aoprecalc.mesh.surface import face_normals, shading_normals
 from aoprecalc.metrics.errors import seam_difference
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_fields
-from aoprecalc.progress import Note, Progress, tell
+from aoprecalc.progress import Note
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
 from aoprecalc.texture_lookup import join_textures
@@ -201,19 +201,6 @@ class MeshToDraw:
     up: Literal["x", "y", "z"]
     files: tuple[Path, ...] = ()
     messages: tuple[str, ...] = ()
-
-
-def textured_mesh(
-    mesh: MeshLike | Baked,
-    texture: str | PathLike[str] | ArrayLike | None = None,
-    *,
-    colors: bool = False,
-    progress: Progress | None = None,
-) -> TexturedMesh:
-    """Return a mesh with its texture as pictures show it; see `mesh_to_draw`, whose messages `progress` receives."""
-    found = mesh_to_draw(mesh, texture, colors=colors)
-    tell(progress or Progress(), found.messages)
-    return found.mesh
 
 
 def mesh_to_draw(
