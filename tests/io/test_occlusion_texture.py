@@ -230,7 +230,9 @@ def test_textures_of_several_materials_are_joined(gltf_cube, kind):
     first = np.random.default_rng(0).random((4, 8)).round(2)
     second = first if kind == "alike" else np.random.default_rng(1).random((6, 3)).round(2)
     maker, primitive = gltf_cube
-    mesh = mesh_to_draw(two_materials(maker, primitive, [np.stack([it, it, it * 0], -1) for it in (first, second)])).mesh
+    mesh = mesh_to_draw(
+        two_materials(maker, primitive, [np.stack([it, it, it * 0], -1) for it in (first, second)])
+    ).mesh
     assert mesh.textured.all()
     assert mesh.ao.shape == (first.shape if kind == "alike" else (10, 8))
     own, rng = mesh.scene.uvs, np.random.default_rng(2)
