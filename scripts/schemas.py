@@ -22,9 +22,9 @@ from aoprecalc.api.verify import VerifyReport
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BakeOptions, Method, Radius, SphereOptions
 from aoprecalc.options.fields import OptionField, description, option_fields
-from aoprecalc.pipeline.cache import CacheReport
 from aoprecalc.pipeline.manifest import ManifestFile
 from aoprecalc.pipeline.report import BatchReport
+from aoprecalc.pipeline.store import CacheReport
 
 FOLDER = Path(__file__).parent.parent / "src" / "aoprecalc" / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -11,7 +11,7 @@ from aoprecalc.errors import UsageError, counted
 from aoprecalc.options.fields import AGE, BYTES, format_bytes
 
 if TYPE_CHECKING:
-    from aoprecalc.pipeline.cache import CacheReport
+    from aoprecalc.pipeline.store import CacheReport
 
 _folder = option("--cache", metavar="DIR", group="Cache", shown=DEFAULT_CACHE, help="The folder of the cache.")
 
@@ -26,7 +26,7 @@ def cache() -> None:
 @output_options
 def info(cache: str | None, as_json: bool, quiet: bool, verbose: bool) -> None:
     """Print where the cache is, how many results it holds, and how large it is."""
-    from aoprecalc.pipeline.cache import Cache, CacheReport, default_cache
+    from aoprecalc.pipeline.store import Cache, CacheReport, default_cache
 
     folder = Path(cache) if cache else default_cache()
     _print(CacheReport(str(folder), holds=Cache(folder).usage()), as_json)
@@ -61,7 +61,7 @@ def prune(
     verbose: bool,
 ) -> None:
     """Remove results that were last used long ago, those beyond a total size, or all."""
-    from aoprecalc.pipeline.cache import Cache, CacheReport, default_cache
+    from aoprecalc.pipeline.store import Cache, CacheReport, default_cache
 
     if max_size is None and max_age is None and not everything:
         raise UsageError("nothing says what to remove; give --max-size, --max-age or --all")

@@ -1,9 +1,9 @@
 """Batches of meshes: each asset is made once, only when needed, by worker processes here or on a Dask cluster."""
 
-from aoprecalc.pipeline.cache import Cache, default_cache
 from aoprecalc.pipeline.option_tables import make_job_spec
 from aoprecalc.pipeline.report import AssetResult, BatchProgress, BatchReport
 from aoprecalc.pipeline.run import BatchResult, Plan, batch, plan_batch, run_batch
+from aoprecalc.pipeline.store import Cache, default_cache
 
 __all__ = [
     "AssetResult",

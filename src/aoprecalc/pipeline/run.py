@@ -12,13 +12,12 @@ from pathlib import Path
 
 from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.options import BakeOptions, BatchOptions, SphereOptions
-from aoprecalc.pipeline.cache import CACHE_TAG, Cache
 from aoprecalc.pipeline.discovery import base_folder, find_meshes, name_assets
 from aoprecalc.pipeline.jobs import Asset, Job, JobSpec, Outcome
 from aoprecalc.pipeline.manifest import read_manifest
 from aoprecalc.pipeline.report import AssetResult, BatchProgress, BatchReport
 from aoprecalc.pipeline.state import STATE_FOLDER, StateFolder
-from aoprecalc.pipeline.store import PendingAsset, ResultStore
+from aoprecalc.pipeline.store import CACHE_TAG, Cache, PendingAsset, ResultStore
 from aoprecalc.pipeline.workers import ProcessPool, WorkerPool
 from aoprecalc.visibility.backend import RayBackend, ray_note
 
