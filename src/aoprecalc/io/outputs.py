@@ -203,7 +203,7 @@ def relative_path(target: Path, file: Path) -> str:
 
 def relative_uri(target: Path, file: Path) -> str:
     """Return the relative path of `target` from the folder of `file` as a URI reference."""
-    return quote(relative_path(target, file))
+    return quote(os.fsencode(relative_path(target, file)))
 
 
 # JSON documents.

@@ -7,11 +7,14 @@ and replace the document's generator.
 import base64
 import binascii
 import json
+import os
 import re
 import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
+from unicodedata import normalize
 from urllib.parse import unquote
 
 import numpy as np
@@ -19,6 +22,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.builder import damaged_file, file_beside, read_file
+from aoprecalc.system import may_name_a_file
 from aoprecalc.types import Float64Array
 
 Json = dict[str, Any]
@@ -71,18 +75,76 @@ def gltf_files(path: Path, data: bytes) -> list[Path]:
 def local_file(path: Path, uri: str) -> Path | None:
     """Return the file that a URI of the document at `path` names; None for data URIs, remote, absolute and wrong ones.
 
-    The specification allows relative ones alone; of an absolute one, Windows would ask a server that it names.
+    The specification allows relative ones alone; of an absolute one, Windows would ask a server that it names. Where
+    there is no such file, another that is there may be meant: see `misnamed_files`.
     """
-    file = unquote(uri)
-    scheme = re.match(r"[a-zA-Z][a-zA-Z0-9+.-]*:", uri)
-    if scheme or PureWindowsPath(file).anchor or re.search(r"[\ud800-\udfff]", file):
-        return None
-    return file_beside(path.parent, file)
+    named = _named_file(path, unquote(uri, errors="surrogateescape")) if _is_relative(uri) else None
+    if named is None or os.path.exists(named):  # which, unlike Path.exists, takes names of any length
+        return named
+    return next((file for file in _meant_files(path, uri) if os.path.exists(file)), named)
+
+
+def misnamed_files(path: Path, document: Json) -> list[tuple[str, Path]]:
+    """Return (URI, file) for each file of buffers and images that is not quite at its URI, but was found.
+
+    Its name is not percent-encoded, has backslashes or is written in other capitals, as Windows accepts them.
+    """
+    found = [(uri, local_file(path, uri)) for uri in _uris(document)]
+    return [(uri, file) for uri, file in found if file is not None and is_misnamed(path, uri, file)]
+
+
+def is_misnamed(path: Path, uri: str, file: Path) -> bool:
+    """Tell whether a URI of the document at `path` names another file than the one that was found for it."""
+    return file != _named_file(path, unquote(uri, errors="surrogateescape"))
+
+
+def _is_relative(uri: str) -> bool:
+    return not (re.match(r"[a-zA-Z][a-zA-Z0-9+.-]*:", uri) or re.search(r"[\ud800-\udfff]", uri))
+
+
+def _named_file(path: Path, name: str) -> Path | None:
+    """Return the file that a decoded URI names; None if it is absolute: a name such as a:b is not."""
+    parts = [part for part in re.split(r"[/\\]", name) if part not in ("", ".", "..")]
+    is_absolute = bool(PureWindowsPath(name).root)
+    return file_beside(path.parent, name) if not is_absolute and all(map(may_name_a_file, parts)) else None
+
+
+def _meant_files(path: Path, uri: str) -> Iterator[Path]:
+    """Yield what a wrong URI may mean: the name as it is written, forward slashes, the same in other capitals."""
+    decoded = unquote(uri, errors="surrogateescape")
+    names = dict.fromkeys([uri, decoded.replace("\\", "/"), uri.replace("\\", "/")])
+    yield from filter(None, (_named_file(path, name) for name in names))
+    yield from filter(
+        None, (_other_capitals(path.parent, name.split("/")) for name in names if _named_file(path, name))
+    )
+
+
+def _other_capitals(folder: Path, names: Sequence[str]) -> Path | None:
+    """Return the file below a folder whose path has these names in any capitals; the first by name if several do."""
+    file = folder
+    for name in names:
+        if name in ("", ".", "..") or os.path.exists(file / name):
+            file /= name
+            continue
+        try:
+            alike = min(entry.name for entry in file.iterdir() if _folded(entry.name) == _folded(name))
+        except (OSError, ValueError):
+            return None
+        file /= alike
+    return file
+
+
+def _folded(name: str) -> str:
+    """Return a name without differences of capitals, or of composed and decomposed characters (as macOS has them)."""
+    return normalize("NFC", normalize("NFC", name).casefold())
 
 
 def _files(path: Path, document: Json) -> list[Path]:
-    uris = [entry["uri"] for kind in ("buffers", "images") for entry in document.get(kind, []) if "uri" in entry]
-    return [file for uri in uris if (file := local_file(path, uri)) is not None]
+    return [file for uri in _uris(document) if (file := local_file(path, uri)) is not None]
+
+
+def _uris(document: Json) -> list[str]:
+    return [entry["uri"] for kind in ("buffers", "images") for entry in document.get(kind, []) if "uri" in entry]
 
 
 def _parse_json(path: Path, data: bytes) -> tuple[Json, bytes | None]:

@@ -1,15 +1,17 @@
 """Images of a glTF document that is written: the baked textures, and the image files of the source document."""
 
 import hashlib
+import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
-from urllib.parse import quote, unquote
+from urllib.parse import unquote
 
 from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.builder import read_file
-from aoprecalc.io.formats.gltf.document import Json, data_uri, local_file
+from aoprecalc.io.formats.gltf.document import Json, data_uri, is_misnamed, local_file
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry
 from aoprecalc.io.images import png_bytes, read_image
@@ -104,12 +106,14 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
             missing.append(unquote(uri))
             continue
         if stay:
+            if is_misnamed(source, uri, file):
+                image["uri"] = relative_uri(file, path)
             continue
         if not embed and (_mime_type(data) or file.resolve().is_relative_to(source.parent.resolve())):
             if file not in copies:
                 copies[file] = _free_name(outputs, path, file.name, data)
                 outputs.path(path.parent / copies[file]).write_bytes(data)
-            image["uri"] = quote(copies[file])
+            image["uri"] = relative_uri(path.parent / copies[file], path)
         elif not (embed and _embed(image, buffer, data)):
             found = "a GLB cannot hold the image" if embed else "not copied, as it is not an image:"
             warnings.append(f"{path}: {found} {uri[:60]!a}; it is referred to by its path")
@@ -152,7 +156,7 @@ def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
     if outputs.staged:
         file = Path(name)
         return f"{file.stem}-{hashlib.sha256(data).hexdigest()[:8]}{file.suffix}"
-    own = (path, path.with_suffix(".bin"))
+    own = (path, buffer_file(path))
     return next(
         free.name
         for free in _candidates(outputs, path.parent / name)
@@ -164,6 +168,17 @@ def _candidates(outputs: Outputs, file: Path) -> Iterator[Path]:
     """Yield a path, then numbered ones, without those of other outputs."""
     numbered = (file.with_name(f"{file.stem}_{number}{file.suffix}") for number in count(1))
     return (name for name in chain([file], numbered) if outputs.written(name) == name)
+
+
+def buffer_file(path: Path) -> Path:
+    """Return the file for the buffer of a .gltf at `path`: of its name, or one like it that URIs need not escape.
+
+    Some readers, trimesh among them, do not decode URIs, and without its buffer they could not read the mesh at all.
+    """
+    stem = re.sub(r"[^\w.~-]", "_", path.stem, flags=re.ASCII)
+    if stem != path.stem:  # a digest tells it from that of another name beside it
+        stem += "-" + hashlib.sha256(os.fsencode(path.stem)).hexdigest()[:8]
+    return path.with_name(f"{stem}.bin")
 
 
 def _embeds(path: Path) -> bool:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.gltf.compression import decompress
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, parse_gltf, raw_values
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, misnamed_files, parse_gltf, raw_values
 from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.progress import Note
+from aoprecalc.system import path_from
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
@@ -152,21 +153,24 @@ def read_gltf(path: Path, data: bytes) -> Scene:
                 for matrix in _transforms(document, node, primitive, nodes, number):
                     source = PrimitiveSource(number, node["mesh"], index, matrix[..., :3, :3])
                     pieces.append(_piece(document, own_name, names, shape, matrix, source, material))
-    messages: list[str] = [*materials.warnings, *_messages(document.json)]
+    messages: list[str] = [*materials.warnings, *_messages(path, document.json)]
     if skipped:
         messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
     return replace(scene, parts=_instances(scene.parts))
 
 
-def _messages(json: Json) -> Iterator[str]:
-    """Yield warnings and notes about what is not read."""
+def _messages(path: Path, json: Json) -> Iterator[str]:
+    """Yield warnings and notes about what is not read, or not from where the file says."""
     scenes = json.get("scenes", [])
     if len(scenes) > 1:
         shown = json.get("scene", 0)
         yield Note(f"the file has {len(scenes)} scenes; the one that it shows (index {shown}) is baked")
     if unknown := unknown_extensions(json.get("extensionsRequired", [])):
         yield f"the file requires {', '.join(unknown)}, which is not supported and has no effect on the bake"
+    for uri, file in misnamed_files(path, json):
+        where = path_from(file, path.parent)
+        yield f"{path} refers to {uri[:60]!a}, which is read from {where!a}; other programs may not find it"
 
 
 def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:

@@ -20,7 +20,7 @@ from aoprecalc.io.formats.base import (
 )
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document
-from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, carry_images
+from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, buffer_file, carry_images
 from aoprecalc.io.formats.gltf.occlusion_textures import (
     OrmImage,
     assign_textures,
@@ -186,7 +186,7 @@ def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
         text = json.dumps(document, separators=(",", ":")).encode()
         outputs.path(path).write_bytes(glb(text, data))
         return
-    binary = path.with_suffix(".bin")
+    binary = buffer_file(path)
     document["buffers"][0] = {"uri": binary.name, **document["buffers"][0]}
     outputs.path(binary).write_bytes(data)
     outputs.path(path).write_bytes(json.dumps(document, indent=1).encode() + b"\n")
