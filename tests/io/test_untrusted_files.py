@@ -16,7 +16,7 @@ from PIL import Image
 from aoprecalc import SphereOptions, fit_spheres
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene, source_files
-from aoprecalc.io.formats.builder import file_beside, read_file
+from aoprecalc.io.formats.files import file_beside, read_file
 from aoprecalc.io.formats.gltf.document import local_file
 from aoprecalc.io.images import MAX_SIDE, read_pixels
 from aoprecalc.io.meshes import input_files

@@ -22,6 +22,7 @@ from aoprecalc.io.formats.base import (
     WrittenMesh,
     same_file,
 )
+from aoprecalc.io.formats.files import text_as_utf8
 from aoprecalc.io.formats.geometry_formats import ColladaFormat, OffFormat, StlFormat, ThreeMfFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
@@ -90,7 +91,7 @@ def read_scene(path: Path, data: bytes) -> Scene:
 
     path   need not exist; its extension names the format, and its folder has the files that the mesh refers to
     """
-    mesh_format = format_of(path)
+    mesh_format, data = format_of(path), text_as_utf8(data)
     try:
         with np.errstate(all="ignore"):  # values that are not finite are looked for afterwards
             return mesh_format.read(path, data)
@@ -122,7 +123,7 @@ def input_files(path: Path, data: bytes) -> list[Path]:
     """Return a mesh file of the given bytes and the files it refers to, existing or not, without reading the mesh."""
     mesh_format = _BY_EXTENSION.get(path.suffix.lower(), _ARRAYS)
     try:
-        return [path, *dict.fromkeys(mesh_format.referenced_files(path, data))]
+        return [path, *dict.fromkeys(mesh_format.referenced_files(path, text_as_utf8(data)))]
     except Exception:  # a damaged file refers to nothing that could be used
         return [path]
 

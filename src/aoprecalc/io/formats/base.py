@@ -20,7 +20,18 @@ from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.images import decode_colors, decode_pixels, decode_text, read_colors, read_pixels, read_text
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
-from aoprecalc.types import REVERSED_WINDING, Atlas, BaseColor, Float32Array, Float64Array, Part, Scene, UInt8Array
+from aoprecalc.texture_lookup import linear_from_srgb
+from aoprecalc.types import (
+    REVERSED_WINDING,
+    Atlas,
+    BaseColor,
+    Float32Array,
+    Float64Array,
+    Part,
+    Scene,
+    UInt8Array,
+    Wrap,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,12 +242,37 @@ class MeshFormat(ABC):
 
 
 @dataclass(frozen=True)
+class Placement:
+    """How a texture lies on UVs, v upwards: they are multiplied by `scale`, then `offset` is added.
+
+    wrap   beyond [0, 1], along both axes
+    """
+
+    scale: tuple[float, float] = (1.0, 1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    wrap: Wrap = "repeat"
+
+    def transform(self, uvs: Float64Array) -> Float64Array:
+        """Return (..., 2) UVs of the texture."""
+        return uvs * self.scale + self.offset
+
+
+@dataclass(frozen=True)
 class SourceMaterial:
-    """The diffuse colour (red, green, blue, 0 to 1) and diffuse texture of a material."""
+    """The diffuse colour (red, green, blue, 0 to 1, sRGB) and diffuse texture of a material.
+
+    placement   of the texture
+    """
 
     name: str
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     texture: Path | None = None
+    placement: Placement = Placement()
+
+    def factor(self, *, textured: bool) -> tuple[float, float, float]:
+        """Return the linear colour, by which a texture is multiplied; some programs write black for white there."""
+        red, green, blue = linear_from_srgb(np.array(self.color)).tolist()
+        return (red, green, blue) if any(self.color) or not textured else (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,5 @@
 """From what a reader found in a file, or from arrays, to a checked Scene: the same checks for every format."""
 
-import errno
-import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,28 +18,6 @@ from aoprecalc.types import Float32Array, Float64Array, Material, Part, Scene
 def damaged_file(path: Path, found: str) -> InputError:
     """Return the error for a damaged file; `found` says what was found and what was expected."""
     return InputError(f"{path}: {found}; the file is damaged, export it again")
-
-
-def read_file(path: Path) -> bytes:
-    """Return the bytes of a file that a mesh refers to.
-
-    Raises OSError where it cannot be read, also for devices and pipes, which may have no end.
-    """
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-    return path.read_bytes()
-
-
-# Windows asks the server that such a name begins with, or opens a device.
-_SERVER = re.compile(r"[/\\](\?\?)?[/\\]")
-
-
-def file_beside(folder: Path, name: str) -> Path | None:
-    """Return the file that a mesh in `folder` names by a relative or absolute path; None for names of servers.
-
-    Both slashes count on every system, so that a mesh has the same files everywhere.
-    """
-    return None if _SERVER.match(name) or "\0" in name else folder / name
 
 
 def check_indices(path: Path, indices: NDArray[Any], count: int) -> None:

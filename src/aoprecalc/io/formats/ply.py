@@ -28,7 +28,8 @@ from aoprecalc.io.formats.base import (
     same_file,
     source_polygons,
 )
-from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file, file_beside
+from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
+from aoprecalc.io.formats.files import FileSearch
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
 from aoprecalc.io.outputs import Outputs, relative_path
@@ -62,7 +63,7 @@ class _Header:
 
     def texture_path(self, path: Path) -> Path | None:
         """Return the file of the texture of the PLY at `path`."""
-        return None if self.texture is None else file_beside(path.parent, self.texture.replace("\\", "/"))
+        return None if self.texture is None else FileSearch(path.parent).place(self.texture)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.builder import damaged_file, file_beside, read_file
+from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.files import file_beside, read_file
 from aoprecalc.system import may_name_a_file
 from aoprecalc.types import Float64Array
 

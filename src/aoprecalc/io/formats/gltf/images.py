@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from aoprecalc.errors import InputError, counted, one_or_many
-from aoprecalc.io.formats.builder import read_file
+from aoprecalc.io.formats.files import read_file
 from aoprecalc.io.formats.gltf.document import Json, data_uri, is_misnamed, local_file
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry

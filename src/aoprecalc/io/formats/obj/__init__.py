@@ -70,7 +70,7 @@ class ObjFormat(MeshFormat):
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return map_Ka of the part's material, else its map_Kd."""
         material: MtlMaterial | None = _document(scene).materials.get(material_use(part)[0] or "")
-        path = None if material is None else material.ambient or material.texture
+        path = None if material is None else material.occlusion
         return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
@@ -79,7 +79,7 @@ class ObjFormat(MeshFormat):
         return tuple(
             BaseColor()
             if (material := materials.get(material_use(part)[0] or "")) is None
-            else material.base_color(first_uvs(scene, part), images, occlusion)
+            else material.base_color(first_uvs(scene, part), images, occlusion, None)
             for part in scene.parts
         )
 

@@ -15,11 +15,19 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import PartSource, SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
-from aoprecalc.io.formats.obj.materials import MtlMaterial, library_files, material_files, read_materials
+from aoprecalc.io.formats.files import FileSearch
+from aoprecalc.io.formats.obj.materials import (
+    MtlMaterial,
+    joined_lines,
+    library_files,
+    material_files,
+    read_materials,
+)
 from aoprecalc.io.formats.polygons import Polygons, polygon_triangles
+from aoprecalc.progress import Note
 from aoprecalc.types import Float64Array, Int32Array, Scene
 
-_LIBRARY = re.compile(rb"(?:^|[\r\n])[ \t]*mtllib[ \t]+([^\r\n]+)")
+_LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+([^\n]+)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ def read_obj(path: Path, data: bytes) -> Scene:
 
     Raises InputError where it is damaged or has no usable faces.
     """
-    text = _join_lines(data.decode("utf-8-sig", "surrogateescape"))
+    text = joined_lines(data.decode("utf-8", "surrogateescape"))
     lines = _sort_lines(text)
     positions = _numbers(path, "vertex (v)", lines.v, 3, 3)
     uvs = _numbers(path, "texture coordinate (vt)", lines.vt, 1, 2)
@@ -98,8 +106,12 @@ def read_obj(path: Path, data: bytes) -> Scene:
         pieces.append(MeshPiece(section.name, positions, position, _rows_at(normals, normal), uv_sets, section, names))
     if not pieces:
         pieces = [MeshPiece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
-    libraries = library_files(path.parent, lines.libraries)
+    libraries = _libraries(path, lines.libraries)
     materials = read_materials(path.parent, libraries)
+    used = dict.fromkeys(section.material for section, _, _ in _sections_with_faces(lines.sections, len(counts)))
+    unknown = [name for name in used if name is not None and name not in materials]
+    if unknown and libraries:
+        warnings.append(_unknown_materials(unknown, libraries))
     normals_complete = bool(
         (corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all()
     )
@@ -107,21 +119,36 @@ def read_obj(path: Path, data: bytes) -> Scene:
     return build_scene(path, "obj", pieces, document, warnings)
 
 
+def _unknown_materials(names: Sequence[str], libraries: Sequence[Path]) -> Note:
+    """Return the note about materials that no MTL file has."""
+    missing = [file.name for file in libraries if not file.is_file()]
+    why = (
+        f"{', '.join(missing)} {one_or_many(len(missing), 'is', 'are')} not there" if missing else "no MTL file has it"
+    )
+    have = one_or_many(len(names), "has", "have")
+    return Note(f"{counted(len(names), 'material')} {have} no colours or pictures, such as {names[0]!a}: {why}")
+
+
 def obj_files(path: Path, data: bytes) -> list[Path]:
     """Return the MTL files that an OBJ file of the given bytes names, and the textures that these name."""
-    names = [name.decode("utf-8", "surrogateescape").strip() for name in _LIBRARY.findall(data)]
-    libraries = library_files(path.parent, names)
+    libraries = _libraries(path, _LIBRARY.findall(joined_lines(data.decode("utf-8", "surrogateescape"))))
     return [*libraries, *material_files(read_materials(path.parent, libraries).values())]
+
+
+def _libraries(path: Path, statements: Sequence[str]) -> tuple[Path, ...]:
+    """Return the MTL files that the `mtllib` statements name, existing or not, and the one with the stem of the OBJ.
+
+    Programs read that too (Blender): an OBJ that was renamed with its MTL still names the old one.
+    """
+    search = FileSearch(path.parent)
+    files = library_files(search, statements)
+    own = search.find(f"{path.stem}.mtl")
+    return (*files, own) if own is not None and own not in files else files
 
 
 def statement(line: str) -> tuple[str, str, str]:
     """Split a line into its keyword, a space and what follows."""
     return line.strip().replace("\t", " ").partition(" ")
-
-
-def _join_lines(text: str) -> str:
-    """Return the text with one line for each statement."""
-    return text.replace("\\\r\n", " ").replace("\\\n", " ").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _sort_lines(text: str) -> _Lines:
@@ -199,18 +226,23 @@ def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[ND
 
 
 def _indices(words: list[str]) -> NDArray[np.int64]:
-    """Parse corners such as 1/2/3 to (n, 3) indices as written, 0 where left out; raises ValueError."""
+    """Parse corners such as 1/2/3 to (n, 3) indices as written, 0 where left out; raises ValueError.
+
+    Some programs write the slashes of what is left out behind it, too: 1/2/, 1// and 1/.
+    """
     slashes = {word.count("/") for word in words}
     if len(slashes) == 1:
         (number,) = slashes
         if number <= 2:
-            flat = "/".join(words).replace("//", "/0/") if number == 2 else "/".join(words)
+            flat = "/".join(f"{word}0" if word.endswith("/") else word for word in words)
+            if number == 2:
+                flat = flat.replace("//", "/0/")
             numbers = np.array([int(word) for word in flat.split("/")], dtype=np.int64).reshape(-1, number + 1)
             return np.pad(numbers, ((0, 0), (0, 2 - number)))
     table = np.zeros((len(words), 3), dtype=np.int64)
     for row, word in zip(table, words, strict=True):
-        parts = word.split("/")
-        row[: len(parts)] = [int(part or 0) for part in parts]
+        first, *others = word.split("/")
+        row[: 1 + len(others)] = [int(first), *(int(other or 0) for other in others)]
     return table
 
 

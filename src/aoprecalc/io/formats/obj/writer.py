@@ -21,7 +21,7 @@ from aoprecalc.io.formats.base import (
     output_uvs,
     source_polygons,
 )
-from aoprecalc.io.formats.obj.materials import MtlMaterial, names_texture, relocate_line
+from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
 from aoprecalc.io.formats.obj.reader import ObjDocument, statement
 from aoprecalc.io.formats.polygons import OutputFaces
 from aoprecalc.io.outputs import Outputs, relative_path
@@ -33,12 +33,11 @@ _WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
 
 
 def library_lines(
-    document: ObjDocument, names: dict[MaterialUse, str], source: Path, target: Path, texture: str, kept: bool
+    document: ObjDocument, names: dict[MaterialUse, str], target: Path, texture: str, kept: bool
 ) -> tuple[list[str], WrittenMesh]:
     """Return the lines of an MTL at `target`, where they refer to the baked texture, and warnings.
 
     names     of the materials in the output, see `material_names`
-    source    the path of the mesh that has the materials
     texture   the path of the baked texture as the MTL states it
     kept      the bake used the mesh's own UVs: other textures stay, and beside a map_Kd the baked one is map_Ka
 
@@ -51,15 +50,14 @@ def library_lines(
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
         name = material.name or None
         plain, baked = names.get((name, False)), names.get((name, True))
-        relocated = [relocate_line(line, source, target) for line in material.lines]
         if plain or not baked:
-            lines += [f"newmtl {plain or name}", *(relocated or [_WHITE]), ""]
+            lines += [f"newmtl {plain or name}", *_statements(material.lines, target), ""]
         if baked:
-            remaining = [line for line in relocated if not (_is_ambient(line) if kept else names_texture(line))]
-            lost += len(remaining) < len(relocated)
-            statement = "map_Ka" if kept and material.texture else "map_Kd"
-            slots[statement] += 1
-            lines += [f"newmtl {baked}", *(remaining or [_WHITE]), f"{statement} {texture}", ""]
+            remaining = [line for line in material.lines if not _replaced(line, kept)]
+            lost += len(remaining) < len(material.lines)
+            slot = "map_Ka" if kept and material.texture else "map_Kd"
+            slots[slot] += 1
+            lines += [f"newmtl {baked}", *_statements(remaining, target), f"{slot} {texture}", ""]
     messages: tuple[str, ...] = ()
     if lost and kept:
         messages = (Note(f"the ambient textures (map_Ka) of {counted(lost, 'material')} were replaced"),)
@@ -69,8 +67,14 @@ def library_lines(
     return lines, WrittenMesh(references, messages)
 
 
-def _is_ambient(line: str) -> bool:
-    return line.lower().startswith("map_ka")
+def _statements(lines: Sequence[str | TextureMap], target: Path) -> list[str]:
+    """Return the statements of a material for an MTL at `target`."""
+    return [line if isinstance(line, str) else line.relocated(target) for line in lines] or [_WHITE]
+
+
+def _replaced(line: str | TextureMap, kept: bool) -> bool:
+    """Tell whether the baked texture replaces that of a line."""
+    return isinstance(line, TextureMap) and (not kept or line.keyword == "map_ka")
 
 
 # float64 positions and UVs, float32 normals; the digits give the same values back.
@@ -256,7 +260,7 @@ def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     edited = edit_lines(document, scene, atlas, mesh.normals, names)
     outputs.path(path).write_bytes(_encode([f"mtllib {library.name}", *edited]))
     texture = relative_path(mesh.texture, path)
-    lines, written = library_lines(document, names, scene.path, library, texture, kept=atlas.uv_set == 0)
+    lines, written = library_lines(document, names, library, texture, kept=atlas.uv_set == 0)
     outputs.path(library).write_bytes(_encode(lines))
     return written
 

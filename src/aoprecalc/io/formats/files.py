@@ -1,0 +1,175 @@
+"""The files that a mesh refers to, found by their names as programs of many systems write them, and text as UTF-8.
+
+The rules are those of the importers that read most files: tinyobjloader (several libraries in one line), Blender
+(backslashes, quotes, the name alone where its folders are missing) and Assimp (upper and lower case).
+"""
+
+import codecs
+import errno
+import os
+import re
+import unicodedata
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote
+
+# Longest first: the mark of UTF-32 begins with that of UTF-16.
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_PROBE = 256  # bytes of a text without a mark that show whether it is UTF-16
+_OLD_ENCODINGS = (
+    "cp1252",
+    "cp932",
+    "gbk",
+    "cp1251",
+)  # of names that are not UTF-8: Western, Japanese, Chinese, Russian
+_MAX_NAME = 4096  # characters
+
+# Windows asks the server that such a name begins with, or opens a device.
+_SERVER = re.compile(r"[/\\](\?\?)?[/\\]")
+_QUOTES = "\"'"
+
+
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a file that a mesh refers to.
+
+    Raises OSError where it cannot be read, also for devices and pipes, which may have no end.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    return path.read_bytes()
+
+
+def text_as_utf8(data: bytes) -> bytes:
+    """Return the bytes of a text in UTF-8 without a byte order mark; anything else, binary files too, as it is.
+
+    A mark tells UTF-16 and UTF-32; without one, zeros in every other byte of the beginning tell UTF-16.
+    """
+    encoding = next((encoding for mark, encoding in _MARKS if data.startswith(mark)), None)
+    if encoding == "utf-8":
+        unmarked = data.removeprefix(codecs.BOM_UTF8)
+        return data if b"\0" in unmarked and not unmarked.startswith(b"ply") else unmarked
+    if encoding is None:
+        even, odd = data[:_PROBE:2], data[1:_PROBE:2]
+        if odd and not any(odd) and all(even):
+            encoding = "utf-16-le"
+        elif odd and not any(even) and all(odd):
+            encoding = "utf-16-be"
+        else:
+            return data
+    text = data.decode(encoding, "replace").removeprefix("\ufeff")
+    return data if "\0" in text else text.encode()
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file, with surrogates for bytes that are not UTF-8; raises OSError as `read_file` does."""
+    return text_as_utf8(read_file(path)).decode("utf-8", "surrogateescape")
+
+
+def file_beside(folder: Path, name: str) -> Path | None:
+    """Return the file that a mesh in `folder` names by a relative or absolute path; None for names of servers.
+
+    Both slashes count on every system, so that a mesh has the same files everywhere.
+    """
+    return None if _SERVER.match(name) or "\0" in name else folder / name
+
+
+class FileSearch:
+    """Finds files by the names that a mesh, or its material library, gives them.
+
+    A name counts as it is, then with backslashes as slashes, without quotes or a comment behind it, with %20 for
+    blanks, in an older encoding than UTF-8; then in any case of its letters; and then without its folders.
+    """
+
+    def __init__(self, *folders: Path) -> None:
+        """Look into these folders, in their order."""
+        self._folders = tuple(dict.fromkeys(folders))
+        self._listings: dict[str, dict[str, str]] = {}
+
+    def find(self, name: str) -> Path | None:
+        """Return the existing file that a name means; None where there is none, and for names of servers."""
+        if not name or len(name) > _MAX_NAME or _SERVER.match(name.lstrip(_QUOTES)):
+            return None
+        spellings = list(dict.fromkeys(_spellings(name)))
+        bare = [PurePosixPath(spelling).name for spelling in spellings if "/" in spelling]
+        for names in (spellings, bare):
+            for look_up in (_existing, self._any_case):
+                found = (look_up(folder, spelling) for spelling in names for folder in self._folders)
+                if (file := next(filter(None, found), None)) is not None:
+                    return file
+        return None
+
+    def place(self, name: str) -> Path | None:
+        """Return the file that a name means or, where there is none, its place; None for names of servers."""
+        return self.find(name) or file_beside(self._folders[0], name.strip().strip(_QUOTES).replace("\\", "/"))
+
+    def split(self, text: str, extension: str) -> list[str]:
+        """Return the names in a text: all of it where that is a file, else those that blanks part.
+
+        extension   of the files; names may have blanks before it
+        """
+        if self.find(text):
+            return [text]
+        if len(text) > _MAX_NAME:
+            return text.split()
+        pattern = rf"\"[^\"]+\"|\S[^\"]*?{re.escape(extension)}(?=\s|$)|\S+"
+        names = []
+        for name in re.findall(pattern, text, re.IGNORECASE):
+            words = [word for word in name.split() if self.find(word)]
+            names += [name] if self.find(name) or not words else words
+        return names
+
+    def _any_case(self, folder: Path, name: str) -> Path | None:
+        """Return the file of a relative path, whatever the case of its letters and the form of its accents."""
+        parts = PurePosixPath(name).parts
+        if not parts or parts[0].startswith("/") or ":" in parts[0]:  # no folder of ours
+            return None
+        file = folder
+        for part in parts:
+            if part == ".." or os.path.lexists(file / part):
+                file /= part
+            elif (known := self._listing(file).get(_folded(part))) is not None:
+                file /= known
+            else:
+                return None
+        return file if os.path.isfile(file) else None
+
+    def _listing(self, folder: Path) -> dict[str, str]:
+        key = str(folder)
+        if key not in self._listings:
+            names: list[str] = []
+            with suppress(OSError, ValueError):
+                names = sorted(os.listdir(folder), reverse=True)  # the first name of several alike is kept
+            self._listings[key] = {_folded(name): name for name in names}
+        return self._listings[key]
+
+
+def _existing(folder: Path, name: str) -> Path | None:
+    file = file_beside(folder, name)
+    return file if file is not None and os.path.isfile(file) else None
+
+
+def _spellings(name: str) -> Iterator[str]:
+    """Yield what a name may mean, the likeliest first."""
+    plain = name.strip()
+    unquoted = plain.strip(_QUOTES)
+    for spelling in (plain, unquoted, re.split(r"\s#", unquoted)[0].rstrip().strip(_QUOTES)):
+        yield spelling
+        yield (slashed := spelling.replace("\\", "/"))
+        if "%" in slashed:
+            yield unquote(slashed)
+        if not slashed.isascii():
+            raw = spelling.encode("utf-8", "surrogateescape")
+            for encoding in _OLD_ENCODINGS:
+                with suppress(UnicodeDecodeError):
+                    yield raw.decode(encoding).replace("\\", "/")
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
