@@ -4,7 +4,7 @@ from itertools import count
 
 import numpy as np
 
-from gltf_kit.gltf_values import VARIANTS, GltfValues, is_surface
+from gltf_kit.gltf_values import VARIANTS, GltfValues, holders, is_surface
 
 INSTANCING, QUANTIZATION = "EXT_mesh_gpu_instancing", "KHR_mesh_quantization"
 PLACED = ("bufferView", "byteOffset", "count", "min", "max", "sparse")  # of an accessor; the rest tells what it holds
@@ -23,6 +23,28 @@ def differences(before: GltfValues, after: GltfValues, *, new_normals: bool = Fa
     old, new = _kept(before, new_normals), _kept(after, new_normals)
     new["materials"] = new["materials"][: len(old["materials"])]
     return list(_unlike(old, new)) + _gone_from_pools(before, after) + _extensions_unlike(before, after, new_normals)
+
+
+def replaceable_sets(document, primitive):
+    """The TEXCOORD_n that new UVs may replace: the first two are taken, and only replaced occlusion needs it."""
+    metadata = document.json.get("extensions", {}).get("EXT_structural_metadata", {}).get("propertyTextures", [])
+    own = primitive.get("extensions", {})
+    needing = [own, *(metadata[index] for index in own.get("EXT_structural_metadata", {}).get("propertyTextures", []))]
+    for material in map(document.material, holders(primitive)):
+        lit = "KHR_materials_unlit" not in material.get("extensions", {})
+        needing.append({key: value for key, value in material.items() if not (lit and key == "occlusionTexture")})
+    needed = set(_sets(needing)).union(*primitive.get("targets", []))
+    free = [name for name in ("TEXCOORD_1", "TEXCOORD_0") if name not in needed]
+    return set(free[:1]) if {"TEXCOORD_0", "TEXCOORD_1"} <= primitive["attributes"].keys() else set()
+
+
+def _sets(value):
+    """The TEXCOORD_n to which textureInfos in a JSON value refer."""
+    if isinstance(value, dict):
+        yield from [f"TEXCOORD_{value.get('texCoord', 0)}"] if {"index", "texCoord"} & value.keys() else []
+        value = list(value.values())
+    for member in value if isinstance(value, list) else []:
+        yield from _sets(member)
 
 
 def _kept(document, new_normals):
@@ -70,9 +92,9 @@ def _primitive(document, primitive, new_normals):
 
 def _surface(document, primitive, new_normals):
     corners = document.corners(primitive)
+    omitted = replaceable_sets(document, primitive) | ({"NORMAL", "TANGENT"} if new_normals else set())
 
     def at_corners(attributes):
-        omitted = ("NORMAL",) if new_normals else ()
         return {name: _values(document, at, corners) for name, at in attributes.items() if name not in omitted}
 
     return {

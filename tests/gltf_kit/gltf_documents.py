@@ -54,7 +54,8 @@ def extend(maker, *names, required=False):
 def materials_and_primitives(maker):
     picture, plain = pictured(maker, name="picture"), colored(maker, name="plain", extras={"of": "ours"})
     both = maker.mesh(corner(maker, STACKED, material=picture), corner(maker, material=plain), corner(maker))
-    more = maker.mesh(corner(maker, STACKED, APART, material=picture), corner(maker, STACKED, material=plain))
+    lights = pictured(maker, emissiveTexture={"index": maker.texture(BLUES), "texCoord": 1})
+    more = maker.mesh(corner(maker, STACKED, APART, material=lights), corner(maker, STACKED, material=plain))
     maker.node(mesh=both)
     maker.node(mesh=more, translation=[3, 0, 0])
 
@@ -294,6 +295,11 @@ def two_uv_sets(maker):
 
 
 @document
+def a_second_set_that_nothing_needs(maker):
+    maker.node(mesh=maker.mesh(corner(maker, STACKED, STACKED, material=pictured(maker))))
+
+
+@document
 def uvs_that_hold_a_bake(maker):
     maker.node(mesh=maker.mesh(corner(maker, APART, material=pictured(maker))))
 
@@ -312,7 +318,7 @@ def uvs_that_hold_a_bake_without_normals(maker):
 @document
 def much_beside_the_mesh(maker):
     extras = {"anything": [1, {"two": None}], "ä": "ö"}
-    ours = {"EXT_of_ours": extras}
+    ours = {"EXT_of_ours": {"anything": [1.5, {"two": None}], "ä": "ö"}}  # a whole number might be that of an accessor
     extend(maker, "EXT_of_ours", "KHR_lights_punctual")
     maker.json["asset"] |= {"generator": "someone", "copyright": "hers", "extras": extras}
     lamp = {"type": "spot", "spot": {"outerConeAngle": 0.5}, "name": "lamp", "intensity": 3}

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.io import Outputs, write_baked_mesh, write_image
-from aoprecalc.types import Atlas
+from gltf_kit.baked_by_hand import make_atlas, make_normals, write_with_texture
 from gltf_kit.gltf_maker import GltfMaker
 
 # The corners of a cube as quads, counter-clockwise from outside.
@@ -47,23 +46,6 @@ def cube_obj(save):
     return save("cube.obj", "\n".join(lines) + "\n")
 
 
-def make_atlas(scene, method="xatlas"):
-    """Each face a triangle of its own, in a grid; or the UVs of the scene."""
-    count = len(scene.faces)
-    if method == "keep":
-        return Atlas("keep", scene.uvs, np.ones(count, dtype=bool), count, uv_set=0)
-    side = int(np.ceil(np.sqrt(count)))
-    cells = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)[:, None]
-    uvs = (cells + np.array([[0.1, 0.1], [0.9, 0.1], [0.1, 0.9]])) / side
-    return Atlas(method, uvs, np.ones(count, dtype=bool), count)
-
-
-def make_normals(scene):
-    """Normals of unit length that differ from corner to corner and from any file's."""
-    normals = np.cos(np.arange(len(scene.faces) * 9)).reshape(-1, 3, 3)
-    return (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(np.float32)
-
-
 @pytest.fixture
 def atlas_of():
     return make_atlas
@@ -79,15 +61,7 @@ def bake(tmp_path):
     """bake(scene, name, ...) writes a mesh with a new atlas and normals; returns (path, atlas, normals, warnings)."""
 
     def write(scene, name, method="xatlas", normals=None, texture="x_ao.png"):
-        atlas = make_atlas(scene, method)
-        normals = make_normals(scene) if normals is None else normals
-        path = tmp_path / "out" / name
-        with Outputs() as outputs:
-            outputs.folder(path.parent)
-            picture = path.parent / texture
-            write_image(outputs.path(picture), np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8))
-            warnings = write_baked_mesh(outputs, path, scene, atlas, normals, picture).messages
-        return path, atlas, normals, warnings
+        return write_with_texture(scene, tmp_path / "out" / name, method, normals, texture)
 
     return write
 

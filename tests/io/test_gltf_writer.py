@@ -236,7 +236,7 @@ def test_a_material_is_doubled_for_another_set(gltf_cube, bake):
     assert document["materials"][second["material"]]["occlusionTexture"] == {"index": 0, "texCoord": 0, "strength": 1}
     assert first["extensions"]["KHR_materials_variants"]["mappings"][0]["material"] == first["material"]
     assert len(document["materials"]) == 2
-    assert warnings == ("the occlusion textures of 1 material were replaced",)
+    assert warnings == ("the occlusion textures of 1 material were replaced; their strength is 1, it was 0.5",)
 
 
 def test_images_are_copied_beside_a_gltf_and_put_into_a_glb(gltf_cube, bake, tmp_path):

@@ -318,7 +318,7 @@ def test_uvs_that_are_new_although_the_set_has_the_same_number(gltf, pack):
 def test_a_picture_that_held_all_three_gets_new_occlusion(cubes, gltf, pack):
     info = {"index": gltf.texture(ROUGHNESS)}
     path, warnings = pack(cubes(rough(0) | {"occlusionTexture": info | {"strength": 0.5}}).load(), "a.glb")
-    assert warnings == ("the occlusion textures of 1 material were replaced",)
+    assert warnings == ("the occlusion textures of 1 material were replaced; their strength is 1, it was 0.5",)
     document = GltfValues(path)
     assert infos(document) == (info, occlusion_info(info["index"]))
     assert np.array_equal(pixels(document, info), np.dstack([AO, ROUGHNESS[:, :, 1:]]))

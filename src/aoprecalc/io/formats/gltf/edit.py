@@ -1,18 +1,20 @@
 """Give the baked primitives of a glTF document their UVs and normals; everything else stays as it is."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
-from itertools import count
+from itertools import chain, count, repeat
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
-from aoprecalc.io.formats.gltf.occlusion_textures import VARIANTS, PrimitiveKey
-from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource
-from aoprecalc.io.formats.gltf.references import GltfBuffer
+from aoprecalc.io.formats.gltf.occlusion_textures import PrimitiveKey, uv_sets_used
+from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource, morph_weights
+from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
@@ -20,8 +22,7 @@ from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array,
 # Viewers need to support TEXCOORD_0 and TEXCOORD_1 only.
 _PORTABLE_UV_SETS = 2
 
-# Extensions of primitives that do not depend on the number of vertices.
-_VERTEX_INDEPENDENT = {VARIANTS, "EXT_mesh_features", "EXT_structural_metadata"}
+FEATURES = "EXT_mesh_features"
 
 
 def edit_document(
@@ -57,32 +58,29 @@ def edit_document(
     free = {index for original in originals.values() for index in _primitive_accessors(original)} - still_used
     buffer = _carry_views(document, json, free, _unused_views(json, free))
 
-    texcoords = {}
+    texcoords, messages = {}, list[str]()
     for part, key in keys.items():
-        attributes = originals[part]["attributes"]
-        free_set = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
-        uv_set = free_set if atlas.uv_set is None else atlas.uv_set
-        if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in attributes:  # a part without area may lack it
+        original, uv_set = originals[part], atlas.uv_set
+        if uv_set is None:
+            uv_set = _new_uv_set(document, original)
+        if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in original["attributes"]:  # a part without area may lack it
             texcoords[key] = uv_set
-        primitive = _rewrite(
-            document,
-            buffer,
-            part,
-            originals[part],
-            atlas.uvs[part.faces] if atlas.uv_set is None else None,
-            normals[part.faces] if part in changed_normals else None,
-            f"TEXCOORD_{free_set}",
-        )
+        new_uvs = {} if atlas.uv_set is not None else {f"TEXCOORD_{uv_set}": flip_v(atlas.uvs[part.faces])}
+        new_normals = normals[part.faces] if part in changed_normals else None
+        primitive = _rewrite(document, buffer, part, original, new_uvs, new_normals)
         json["meshes"][key[0]]["primitives"][key[1]] = primitive
-    return json, buffer, texcoords, _messages(document, json, scene, texcoords, list(originals.values()))
+    if atlas.uv_set is None:
+        messages += _replaced_uv_sets(document, [(originals[part], texcoords[key]) for part, key in keys.items()])
+    messages += _lost_normals(document, changed_normals & keys.keys())
+    return json, buffer, texcoords, (*messages, *_messages(document, json, scene, texcoords, list(keys)))
 
 
 def _messages(
-    document: GltfDocument, json: Json, scene: Scene, texcoords: dict[PrimitiveKey, int], rewritten: Collection[Json]
+    document: GltfDocument, json: Json, scene: Scene, texcoords: dict[PrimitiveKey, int], rewritten: Collection[Part]
 ) -> tuple[str, ...]:
     """Return a note on duplicated meshes, and warnings of UV sets that viewers may ignore and of doubtful extensions.
 
-    rewritten   the original primitives whose vertices were replaced
+    rewritten   the parts whose vertices were replaced
     """
     messages = list[str]()
     more_meshes = len(json["meshes"]) - len(document.json["meshes"])
@@ -95,10 +93,62 @@ def _messages(
     if beyond:
         use = f"{counted(beyond, 'primitive')} {one_or_many(beyond, 'uses', 'use')}"
         messages.append(f"{use} TEXCOORD_2 or beyond, which not every viewer supports")
-    unknown = {name for primitive in rewritten for name in primitive.get("extensions", {})} - _VERTEX_INDEPENDENT
+    holders = [
+        (document.json["meshes"][_source(part).mesh], _primitive(document.json, _key(part))) for part in rewritten
+    ]
+    unknown = unknown_extensions(name for holder in chain(*holders) for name in holder.get("extensions", {}))
     if unknown:
-        messages.append(f"primitives have {', '.join(sorted(unknown))}, which may refer to vertices that were replaced")
+        messages.append(f"primitives have {', '.join(unknown)}, which may refer to vertices that were replaced")
     return tuple(messages)
+
+
+def flip_v(uvs: Float64Array) -> Float32Array:
+    """Return (..., 2) UVs, v upwards, as those of glTF, v downwards."""
+    return np.stack([uvs[..., 0], 1.0 - uvs[..., 1]], axis=-1).astype(np.float32)
+
+
+def _new_uv_set(document: GltfDocument, primitive: Json) -> int:
+    """Return the n of the TEXCOORD_n for new UVs: the first free one, or that of a set which nothing needs.
+
+    A set is replaced only where all that viewers support are taken; TEXCOORD_1 rather than the first, which simple
+    programs show.
+    """
+    attributes = primitive["attributes"]
+    free = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
+    if free < _PORTABLE_UV_SETS:
+        return free
+    needed = uv_sets_used(document, primitive)
+    return next((number for number in reversed(range(_PORTABLE_UV_SETS)) if number not in needed), free)
+
+
+def _replaced_uv_sets(document: GltfDocument, uses: Sequence[tuple[Json, int]]) -> Iterator[str]:
+    """Yield warnings about UV sets that nothing referred to and that were replaced.
+
+    uses   original primitives, each with the n of its new TEXCOORD_n
+    """
+    replaced = [
+        number
+        for primitive, number in uses
+        if f"TEXCOORD_{number}" in primitive["attributes"]
+        and number not in uv_sets_used(document, primitive, with_occlusion=True)
+    ]
+    for number, times in sorted(Counter(replaced).items()):
+        yield f"TEXCOORD_{number} of {counted(times, 'primitive')}, to which nothing referred, was replaced"
+
+
+def _lost_normals(document: GltfDocument, parts: Collection[Part]) -> Iterator[str]:
+    """Yield a warning about morph targets of parts with new normals, where `_rewrite` drops their normals."""
+    lost = sum(any(weight and "NORMAL" in target for target, weight in _targets(document, part)) for part in parts)
+    if lost:
+        have = one_or_many(lost, "has", "have")
+        yield f"{counted(lost, 'primitive')} {have} new normals in the pose of the file, which its morph targets keep"
+
+
+def _targets(document: GltfDocument, part: Part) -> list[tuple[Json, float]]:
+    """Return the morph targets of a part's primitive with their weights in the pose of the file."""
+    targets: list[Json] = _primitive(document.json, _key(part)).get("targets", [])
+    weights = morph_weights(document.entry("nodes", _source(part).node), document.entry("meshes", _source(part).mesh))
+    return [(target, weight) for target, weight in zip(targets, chain(weights, repeat(0.0)), strict=False)]
 
 
 def _rewrite(
@@ -106,24 +156,29 @@ def _rewrite(
     buffer: GltfBuffer,
     part: Part,
     original: Json,
-    uvs: Float64Array | None,
+    new_uvs: Mapping[str, Float32Array],
     normals: Float32Array | None,
-    uv_name: str,
 ) -> Json:
-    """Return a copy of a primitive with new vertices in the buffer, split where UVs or normals differ."""
-    source = _source(part)
-    values: dict[str, Any] = {}
+    """Return a copy of a primitive with new vertices in the buffer, split where UVs, normals or tangents differ.
+
+    new_uvs   (n, 3, 2) by the name of their attribute
+    normals   (n, 3, 3) in world space; None: those of the file stay
+    """
+    source, values = _source(part), dict[str, Any](new_uvs)
     if normals is not None:
         values["NORMAL"] = _local_normals(source, part, normals)
-    if uvs is not None:
-        values[uv_name] = np.stack([uvs[:, :, 0], 1.0 - uvs[:, :, 1]], axis=2).astype(np.float32)
+        if "TANGENT" in original["attributes"]:
+            tangents = float_values(document, original["attributes"]["TANGENT"])
+            check_indices(document.path, part.vertices, len(tangents))
+            values["TANGENT"] = _perpendicular(tangents[part.vertices], values["NORMAL"])
     split = corners_to_vertices(part.vertices, *values.values())
     vertices = part.vertices.reshape(-1)[split.corner]
 
     def gather(index: int, *, zero: bool = False) -> int:
-        rows = raw_rows(document, index)
+        accessor, rows = document.entry("accessors", index), raw_rows(document, index)
         check_indices(document.path, vertices, len(rows))
-        return buffer.add_rows(document.entry("accessors", index), rows[vertices] * (not zero))
+        add = buffer.add_rows if "bufferView" in accessor else buffer.add_sparse_rows
+        return add(accessor, rows[vertices] * (not zero))
 
     attributes = {name: gather(index) for name, index in original["attributes"].items() if name not in values}
     for name, corner_values in values.items():
@@ -132,12 +187,40 @@ def _rewrite(
     primitive = deepcopy(original) | {"attributes": attributes, "indices": buffer.add_triangles(triangles)}
     primitive.pop("mode", None)
     if "targets" in original:
-        # The new normals belong to the morphed shape already.
+        # The new normals belong to the shape in the pose of the file already.
         primitive["targets"] = [
-            {name: gather(index, zero=name in values) for name, index in target.items()}
-            for target in original["targets"]
+            {
+                name: gather(index, zero=bool(weight) and name == "NORMAL" and name in values)
+                for name, index in target.items()
+            }
+            for target, weight in _targets(document, part)
         ]
+    _name_features(buffer, primitive, vertices)
     return primitive
+
+
+def _name_features(buffer: GltfBuffer, primitive: Json, vertices: NDArray[Any]) -> None:
+    """Store implicit feature ids, those of EXT_mesh_features that are numbers of vertices, as an attribute.
+
+    vertices   of the original primitive, (n,) for each new vertex
+    """
+    features = primitive.get("extensions", {}).get(FEATURES, {}).get("featureIds", [])
+    implicit = [feature for feature in features if feature.keys().isdisjoint(("attribute", "texture"))]
+    if not implicit or np.array_equal(vertices, np.arange(len(vertices))):
+        return
+    number = next(number for number in count() if f"_FEATURE_ID_{number}" not in primitive["attributes"])
+    primitive["attributes"][f"_FEATURE_ID_{number}"] = buffer.add_ids(vertices)
+    for feature in implicit:
+        feature["attribute"] = number
+
+
+def _perpendicular(tangents: Float64Array, normals: Float32Array) -> Float32Array:
+    """Return (..., 4) tangents made perpendicular to (..., 3) normals; w stays, and so do tangents along normals."""
+    along = np.einsum("...i,...i->...", tangents[..., :3], normals)[..., None]
+    turned = tangents[..., :3] - along * normals
+    lengths = np.linalg.norm(turned, axis=-1, keepdims=True)
+    turned = np.where(lengths > 1e-6, turned / np.where(lengths > 1e-6, lengths, 1), tangents[..., :3])
+    return np.concatenate([turned, tangents[..., 3:]], axis=-1).astype(np.float32)
 
 
 def _normals_differ(document: GltfDocument, scene: Scene, part: Part, normals: Float32Array) -> bool:
@@ -199,6 +282,10 @@ def _separate_meshes(
     return keys
 
 
+# Under the last three EXT_structural_metadata names the views of its tables.
+_VIEW_NAMES = ("bufferView", "values", "arrayOffsets", "stringOffsets")
+
+
 def _carry_views(document: GltfDocument, json: Json, free_accessors: set[int], free_views: set[int]) -> GltfBuffer:
     """Return a buffer with the bytes of all views except the free ones."""
     buffer = GltfBuffer(json, tuple(sorted(free_accessors)), tuple(sorted(free_views)))
@@ -222,8 +309,7 @@ def _unused_views(json: Json, free_accessors: set[int]) -> set[int]:
 def _buffer_views(value: Any) -> Iterator[int]:
     """Yield every buffer view that a JSON value refers to, in extensions as well."""
     if isinstance(value, dict):
-        if isinstance(value.get("bufferView"), int):
-            yield value["bufferView"]
+        yield from (value[name] for name in _VIEW_NAMES if isinstance(value.get(name), int))
         for member in value.values():
             yield from _buffer_views(member)
     elif isinstance(value, list):
@@ -243,6 +329,7 @@ def _accessors_used(json: Json) -> Iterator[int]:
             yield from (sampler["input"], sampler["output"])
     for node in json.get("nodes", []):
         yield from node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {}).values()
+    yield from numbers_of_unknown_extensions(json)
 
 
 def _primitive_accessors(primitive: Json) -> Iterator[int]:

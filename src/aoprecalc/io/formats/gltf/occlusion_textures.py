@@ -20,7 +20,9 @@ from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
-VARIANTS = "KHR_materials_variants"
+VARIANTS, METADATA = "KHR_materials_variants", "EXT_structural_metadata"
+
+_TEXCOORD = "TEXCOORD_"
 
 PrimitiveKey = tuple[int, int]  # (mesh, primitive)
 
@@ -55,8 +57,42 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     if materials:  # the schema forbids empty lists
         document["materials"] = materials
     replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
-    notes = (Note(f"the occlusion textures of {counted(replaced, 'material')} were replaced"),) if replaced else ()
+    strengths = sorted({_strength(materials[index]) for index, _ in made if index is not None} - {1.0})
+    were = f"; their strength is 1, it was {', '.join(f'{strength:g}' for strength in strengths)}" if strengths else ""
+    notes = (
+        (Note(f"the occlusion textures of {counted(replaced, 'material')} were replaced{were}"),) if replaced else ()
+    )
     return {made[key]: key[1] for key in made}, notes
+
+
+def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: bool = False) -> set[int]:
+    """Return the n of each TEXCOORD_n that a primitive's materials, extensions or morph targets refer to.
+
+    with_occlusion   also for occlusion textures, although a bake replaces them
+    """
+    extensions = primitive.get("extensions", {})
+    holders: list[Any] = [extensions]
+    for holder in _holders(primitive):
+        if "material" in holder:
+            material = document.entry("materials", holder["material"])
+            stays = with_occlusion or UNLIT in material.get("extensions", {})
+            holders.append({key: value for key, value in material.items() if stays or key != "occlusionTexture"})
+    tables = document.json.get("extensions", {}).get(METADATA, {}).get("propertyTextures", [])
+    holders += [tables[index] for index in extensions.get(METADATA, {}).get("propertyTextures", [])]
+    morphed = {name for target in primitive.get("targets", []) for name in target if name.startswith(_TEXCOORD)}
+    return {*_texcoords(holders), *(int(name.removeprefix(_TEXCOORD)) for name in morphed)}
+
+
+def _texcoords(value: Any) -> Iterator[int]:
+    """Yield the texCoord of every textureInfo in a JSON value, and that of its transform."""
+    if isinstance(value, dict):
+        if type(value.get("texCoord")) is int:
+            yield value["texCoord"]
+        elif "index" in value:
+            yield 0
+    if isinstance(value, dict | list):
+        for member in value.values() if isinstance(value, dict) else value:
+            yield from _texcoords(member)
 
 
 def replaced_references(
@@ -121,6 +157,11 @@ def roughness_texture(material: Json) -> Json | None:
 def texture_info(texture: int, texcoord: int) -> Json:
     """Return a textureInfo: the index of a texture and the n of its TEXCOORD_n."""
     return {"index": texture, **({"texCoord": texcoord} if texcoord else {})}
+
+
+def _strength(material: Json) -> float:
+    strength: float = material.get("occlusionTexture", {}).get("strength", 1.0)
+    return strength
 
 
 def _own_material(materials: list[Json], index: int | None, taken: set[int]) -> int:
@@ -244,7 +285,7 @@ def gltf_occlusion(document: GltfDocument, part: Part) -> PartOcclusion:
     info: Json | None = material.get("occlusionTexture")
     if info is None:
         return PartOcclusion(None, _uvs(document, part, primitive, TextureUse(0, 0)))
-    use, strength = TextureUse.of(info), info.get("strength", 1.0)
+    use, strength = TextureUse.of(info), _strength(material)
     note = f"the occlusion texture has a strength of {strength:g}, which is not applied" if strength != 1 else ""
     extras = info.get("extras")
     said = extras.get(EXTRAS) if isinstance(extras, dict) else None

@@ -200,7 +200,7 @@ class _Shape:
 def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _Shape:
     """Return a primitive with its morph targets applied by the weights of the file."""
     attributes = primitive["attributes"]
-    weights: list[float] = node["weights"] if "weights" in node else mesh.get("weights", [])
+    weights = morph_weights(node, mesh)
     positions = _morphed(document, primitive, "POSITION", weights)
     normals = _morphed(document, primitive, "NORMAL", weights) if "NORMAL" in attributes else None
     names = (f"TEXCOORD_{number}" for number in count())
@@ -210,6 +210,12 @@ def _shape(document: GltfDocument, node: Json, mesh: Json, primitive: Json) -> _
     for values in (positions, *uv_sets, *(() if normals is None else (normals,))):
         check_indices(document.path, vertices, len(values))
     return _Shape(positions, normals, uv_sets, vertices)
+
+
+def morph_weights(node: Json, mesh: Json) -> list[float]:
+    """Return the weights of the morph targets of a node's mesh in the pose of the file; missing ones are 0."""
+    weights: list[float] = node["weights"] if "weights" in node else mesh.get("weights", [])
+    return weights
 
 
 def _morphed(document: GltfDocument, primitive: Json, name: str, weights: list[float]) -> Float64Array:

@@ -30,6 +30,8 @@ from aoprecalc.io.formats.gltf.document import (
 ARRAY, ELEMENT_ARRAY = 34962, 34963
 FLOAT, USHORT, UINT = 5126, 5123, 5125
 
+_PLACED = ("bufferView", "byteOffset", "sparse", "min", "max")  # what an accessor says of its data, not of their type
+
 
 class GltfBuffer:
     """The buffer of a document that is written, with its `bufferViews` and `accessors`.
@@ -79,10 +81,27 @@ class GltfBuffer:
         padded = np.pad(rows, ((0, 0), (0, -size % 4)))  # each vertex starts at a multiple of 4
         stride = {} if padded.shape[1] == size else {"byteStride": padded.shape[1]}
         view = self.add_view(padded.tobytes(), **stride, target=ARRAY)
-        members = {key: value for key, value in accessor.items() if key not in ("byteOffset", "sparse", "min", "max")}
-        if "min" in accessor or "max" in accessor:
-            members |= bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
-        return self._add_entry("accessors", members | {"bufferView": view, "count": len(rows)})
+        return self._add_entry("accessors", _described(accessor, rows) | {"bufferView": view})
+
+    def add_sparse_rows(self, accessor: Json, rows: NDArray[np.uint8]) -> int:
+        """Do the same for rows of which most are zero, as in morph targets: only the others are stored."""
+        changed = np.flatnonzero(rows.any(axis=1))
+        described = _described(accessor, rows)
+        if changed.size:
+            component = USHORT if len(rows) <= 0xFFFF else UINT
+            indices = self.add_view(changed.astype(COMPONENTS[component]).tobytes())
+            described["sparse"] = {
+                "count": len(changed),
+                "indices": {"bufferView": indices, "componentType": component},
+                "values": {"bufferView": self.add_view(rows[changed].tobytes())},
+            }
+        return self._add_entry("accessors", described)
+
+    def add_ids(self, numbers: NDArray[Any]) -> int:
+        """Append (n,) whole numbers as vertex data, 16-bit where they fit, else float32; return the index as above."""
+        component = USHORT if numbers.max(initial=0) <= 0xFFFF else FLOAT
+        rows = numbers.astype(COMPONENTS[component])[:, None]
+        return self.add_rows({"componentType": component, "type": "SCALAR"}, rows.view(np.uint8))
 
     def add_floats(self, values: NDArray[Any], bounded: bool = False) -> int:
         """Append (n, 2 or 3) vertex data as float32; return the index of its accessor."""
@@ -108,6 +127,14 @@ class GltfBuffer:
             return index
         entries.append(entry)
         return len(entries) - 1
+
+
+def _described(accessor: Json, rows: NDArray[np.uint8]) -> Json:
+    """Return what `accessor` says of its type, with the count and, where it has them, the bounds of other rows."""
+    members = {key: value for key, value in accessor.items() if key not in _PLACED}
+    if "min" in accessor or "max" in accessor:
+        members |= bounds(rows.view(COMPONENTS[accessor["componentType"]])[:, : WIDTHS[accessor["type"]]])
+    return members | {"count": len(rows)}
 
 
 class DecodedCopy:
@@ -262,6 +289,15 @@ def check_references(path: Path, document: Json) -> None:
 def unknown_extensions(names: Iterable[str]) -> list[str]:
     """Return the names of extensions that are not known here, sorted."""
     return sorted({name for name in names if not _KNOWN_EXTENSIONS.fullmatch(name)})
+
+
+def numbers_of_unknown_extensions(document: Json) -> set[int]:
+    """Return each whole number in unknown extensions of meshes and nodes: it may be the index of an accessor."""
+    return {
+        holder[key]
+        for names, holder, key in _scalars(document, ())
+        if type(holder[key]) is int and names[0] in ("meshes", "nodes") and unknown_extensions(_extensions_in(names))
+    }
 
 
 def _has_known_extensions(document: Json) -> bool:

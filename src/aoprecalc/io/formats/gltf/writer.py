@@ -19,7 +19,7 @@ from aoprecalc.io.formats.base import (
     source_materials,
 )
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
-from aoprecalc.io.formats.gltf.edit import edit_document
+from aoprecalc.io.formats.gltf.edit import edit_document, flip_v
 from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, buffer_file, carry_images
 from aoprecalc.io.formats.gltf.occlusion_textures import (
     OrmImage,
@@ -102,7 +102,7 @@ def _primitive(
     """Return a primitive of the faces of some parts; normals and UVs are those of all faces of the scene."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
-    values |= {f"TEXCOORD_{number}": _flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
+    values |= {f"TEXCOORD_{number}": flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
     split = corners_to_vertices(scene.faces[faces], *values.values())
     positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]]
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
@@ -119,10 +119,6 @@ def _material(json: Json, name: str, material: SourceMaterial, scene: Scene) -> 
         textures.append({"source": len(images) - 1})
         color["baseColorTexture"] = {"index": len(textures) - 1}
     return {"name": _valid_unicode(name), "pbrMetallicRoughness": color}
-
-
-def _flip_v(uvs: Float64Array) -> Float32Array:
-    return np.stack([uvs[:, :, 0], 1.0 - uvs[:, :, 1]], axis=2).astype(np.float32)
 
 
 def _valid_unicode(name: str) -> str:
