@@ -186,8 +186,8 @@ QUADS = (
         ("a.off", f"OFF\n{LONG} 1 0\n0 0 0\n3 0 0 0\n", f"promises {LONG} vertices"),
         ("a.off", "PLY\n", "OFF and its counts were expected"),
         ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "refers to vertex 3, but there are 3"),
-        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "a line is not the three coordinates"),
-        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "a line is not the three coordinates"),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "vertex 1 is '1 0', 3 numbers were expected"),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "face 0 is '4 0 1 2', the number of its corners"),
     ],
 )
 def test_damage_is_told_in_one_line(save, name, content, said):

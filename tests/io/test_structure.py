@@ -104,10 +104,9 @@ def vector_area(points):
 
 
 def atlas_with_seams(scene, faces, seed):
-    """An atlas that tears some polygons apart, and which: (atlas, (p,) bool)."""
+    """An atlas that tears some polygons apart, and which: (atlas, (p,) bool); the others show the same in every cut."""
     random = np.random.default_rng(seed)
-    vertices = np.concatenate([part.vertices for part in scene.parts])
-    uvs = random.uniform(0, 0.5, (vertices.max() + 1, 2))[vertices]
+    uvs = scene.corners @ random.uniform(-1e-3, 1e-3, (3, 2)) + 0.25
     torn = random.random(len(faces)) < 0.4
     first = np.cumsum([0] + [len(face) - 2 for face in faces])[:-1]  # triangle of each polygon
     uvs[first[torn]] += 0.5
@@ -119,7 +118,9 @@ def check_faces(faces, torn, found, points_found):
     found = iter(zip(found, points_found, strict=True))
     for face, is_torn in zip(faces, torn, strict=True):
         if not is_torn:
-            assert next(found)[0] == face
+            whole = next(found)[0]  # it may begin at another corner
+            at = face.index(whole[0])
+            assert whole == face[at:] + face[:at]
             continue
         parts = [next(found) for _ in range(len(face) - 2)]
         assert all(len(part) == 3 and set(part) <= set(face) for part, _ in parts)
@@ -251,9 +252,8 @@ def kept(scene):
 
 
 def fresh(scene):
-    """An atlas in which all corners of the file's vertices agree."""
-    vertices = np.concatenate([part.vertices for part in scene.parts])
-    uvs = np.stack([np.cos(vertices), np.sin(vertices)], axis=2) / 2 + 0.5
+    """An atlas in which all corners at a position agree, and every cut of a planar polygon shows the same."""
+    uvs = scene.corners @ np.array([[0.003, 0.001], [0.0005, 0.003], [0.001, 0.002]]) + 0.5
     return Atlas("xatlas", uvs, np.ones(len(uvs), bool), 1)
 
 
@@ -368,6 +368,41 @@ def test_flat_normals_keep_planar_polygons_whole(save, write):
     flat = flat / np.linalg.norm(flat, axis=1, keepdims=True) + 1e-8 * np.sin(np.arange(flat.size)).reshape(-1, 3)
     path, _ = write(scene, "b.obj", fresh(scene), np.repeat(flat[:, None], 3, axis=1).astype(np.float32))
     assert [len(face) for face in Obj(path).faces] == [len(face) for face in faces]
+
+
+COMB = [(0, 0), (4, 0), (4, 2), (3, 2), (3, 1), (2, 1), (2, 2), (1, 2), (1, 1), (0, 1)]
+ARROW = [(2, 1), (0, 0), (2, -1), (1, 0)]  # as a fan around its first corner it would be a triangle
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("polygon", "bend", "counts"),
+    [(ARROW, 0, [4]), (COMB, 0, [3] * 8), (SQUARE, 0, [4]), (SQUARE, 0.01, [3, 3]), (SQUARE, 1e-4, [4])],
+    ids=["arrow", "comb", "square", "bent", "hardly bent"],
+)
+@pytest.mark.parametrize(("suffix", "made"), [(".obj", Obj), (".ply", Ply)])
+def test_whoever_cuts_the_polygons_shows_the_texture_that_was_baked(save, write, suffix, made, polygon, bend, counts):
+    points = np.pad(np.array(polygon, float), ((0, 0), (0, 1)))
+    scene = load_scene(save("a.obj", obj_text(points, [list(range(len(points)))])))
+    atlas = fresh(scene)
+    atlas.uvs[(scene.corners == points[2]).all(axis=2)] += bend
+    path, messages = write(scene, f"b{suffix}", atlas, smooth(scene))
+    faces = [made(path).corners(number, 0) for number in range(len(counts))]
+    assert [len(face) for face in faces] == counts
+    as_fans = [vector_area(np.array(face)[[0, i, i + 1]])[2] for face in faces for i in range(1, len(face) - 1)]
+    assert min(as_fans) > 0
+    assert sum(as_fans) == pytest.approx(vector_area(points)[2])
+    cut = "1 polygon is written as triangles: the texture fits no other cut"
+    assert messages == ((cut,) if counts[0] == 3 else ())
+    assert np.array_equal(load_scene(path).corners, scene.corners)
+
+
+def test_polygons_whose_uvs_are_kept_stay_as_they_are(save, write):
+    points = np.pad(np.array(ARROW, float), ((0, 0), (0, 1)))
+    uvs = "vt 0 0\nvt 1 0\nvt 0.3 0.9\nvt 0 1\n"
+    scene = load_scene(save("a.obj", obj_text(points, []) + uvs + "f 1/1 2/2 3/3 4/4\n"))
+    path, messages = write(scene, "b.obj", kept(scene), smooth(scene))
+    assert (Obj(path).faces[0][0][:2], len(Obj(path).faces), messages) == ((1, 1), 1, ())
 
 
 @pytest.mark.parametrize("seed", SEEDS)

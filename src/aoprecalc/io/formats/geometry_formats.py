@@ -3,7 +3,9 @@
 import logging
 import re
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Iterator
+from dataclasses import dataclass
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
-from aoprecalc.io.formats.polygons import polygon_triangles
+from aoprecalc.io.formats.polygons import lost_faces, polygon_triangles
 from aoprecalc.types import REVERSED_WINDING, Atlas, Scene
 
 _HEADER_BYTES = 84  # of a binary STL: 80 bytes of text and the number of faces
@@ -101,51 +103,151 @@ def _soup(name: str, corners: NDArray[np.floating]) -> MeshPiece:
 
 # OFF.
 
-_OFF_HEADER = re.compile(rb"\s*(?:ST)?C?N?OFF\s+(\d+)\s+(\d+)(?:\s+\d+)?[ \t\r]*\n")
-_COMMENT = re.compile(rb"#[^\n]*")
+_OFF_KEYWORD = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)(?![A-Za-z])")
+_OFF_COUNTS = re.compile(rb"\s*(\d+)\s+(\d+)(?:[ \t]+\d+|\s+\d+(?=[ \t]*(?:[\r\n]|$)))?(?=\s|$)")
+_COMMENT = re.compile(rb"#[^\r\n]*")
+
+_Lines = list[list[bytes]]  # the words of each
 
 
 class OffFormat(MeshFormat):
-    """Object File Format, ASCII."""
+    """Object File Format of Geomview, ASCII: polygons, and normals and UVs of the vertices."""
 
     name = "OFF"
     extensions = (".off",)
 
     def sniff(self, data: bytes) -> bool:
         """Tell whether it begins with OFF and its counts."""
-        return _OFF_HEADER.match(_COMMENT.sub(b"", data[:4096])) is not None
+        text = _COMMENT.sub(b"", data[:4096].removeprefix(BOM_UTF8))
+        keyword = _OFF_KEYWORD.match(text)
+        return keyword is not None and _OFF_COUNTS.match(text, keyword.end()) is not None
 
     def read(self, path: Path, data: bytes) -> Scene:
-        """Read the polygons as one part."""
-        text = _COMMENT.sub(b"", data)
-        header = _OFF_HEADER.match(text)
-        if header is None:
-            start = text[:24].decode("latin-1")
-            raise damaged_file(path, f"it starts with {start!a}, OFF and its counts were expected")
-        lines = [line for line in text[header.end() :].splitlines() if line.strip()]
-        vertices, faces = int(header[1]), int(header[2])
-        if len(lines) < vertices + faces:
-            promised = f"{counted(vertices, 'vertex', 'vertices')} and {counted(faces, 'face')}"
-            raise damaged_file(path, f"it promises {promised}, but has {counted(len(lines), 'line')} for them")
+        """Read the polygons as one part; a warning tells of colours, which are left out."""
+        text = _COMMENT.sub(b"", data.removeprefix(BOM_UTF8))
+        header, start = _off_header(path, text)
+        lines = [words for line in re.split(rb"[\r\n]+", text[start:]) if (words := line.split())]
+        of_vertices, of_faces = _off_lines(path, header, lines)
+        table = _off_vertices(path, header, of_vertices)
+        faces = _off_faces(path, header, of_faces)
+        counts = np.array([len(face) for face in faces], dtype=np.int64)
+        corners = np.array([vertex for face in faces for vertex in face], dtype=np.int64)
+        check_indices(path, corners, len(table))
+
+        positions = table[:, :3] if header.dimension == 3 else table[:, :3] / table[:, 3:4]
+        vertices = corners[polygon_triangles(counts, corners, positions)[0]]
+        normals = table[vertices, header.dimension : header.dimension + 3] if header.normals else None
+        uv_sets = (table[vertices, -2:],) if header.uvs else ()
+        messages = list(lost_faces(counts))
+        of_what = {"vertices": any(len(words) > header.width for words in of_vertices)}
+        of_what["faces"] = any(len(words) > len(face) + 1 for words, face in zip(of_faces, faces, strict=True))
+        if any(of_what.values()):
+            colored = " and ".join(what for what, has_colors in of_what.items() if has_colors)
+            messages.append(f"{path}: the colours of its {colored} are left out; export it as PLY to keep them")
+        return build_scene(path, "off", [MeshPiece("mesh", positions, vertices, normals, uv_sets)], messages=messages)
+
+
+@dataclass(frozen=True)
+class _OffHeader:
+    """The word at the start of an OFF, and its counts.
+
+    dimension   coordinates of a vertex; the last of four divides the others
+    """
+
+    vertices: int
+    faces: int
+    dimension: int
+    normals: bool
+    uvs: bool
+
+    @property
+    def width(self) -> int:
+        """The numbers of a vertex, without its colour, which stands before the UVs."""
+        return self.dimension + 3 * self.normals + 2 * self.uvs
+
+    def __str__(self) -> str:
+        """Return the counts in words."""
+        return f"it promises {counted(self.vertices, 'vertex', 'vertices')} and {counted(self.faces, 'face')}"
+
+
+def _off_header(path: Path, text: bytes) -> tuple[_OffHeader, int]:
+    """Return the header and where it ends; the word OFF may be missing, or glued to the counts."""
+    keyword = _OFF_KEYWORD.match(text)
+    start = keyword.end() if keyword else 0
+    uvs, normals, homogeneous, any_dimension = (bool(keyword and keyword[group]) for group in (1, 3, 4, 5))
+    if re.match(rb"\s*BINARY", text[start:]):
+        raise InputError(f"{path}: is a binary OFF, ASCII was expected; export it as that, or as PLY")
+    if any_dimension:
+        stated = re.compile(rb"\s*(\d+)(?=\s)").match(text, start)
+        if stated is None or stated[1] != b"3":
+            found = "unknown" if stated is None else stated[1].decode()
+            raise InputError(f"{path}: is an OFF of dimension {found}, 3 was expected; project the model")
+        start = stated.end()
+    counts = _OFF_COUNTS.match(text, start)
+    if counts is None:
+        raise damaged_file(path, f"it starts with {text[:24].decode('latin-1')!a}, OFF and its counts were expected")
+    return _OffHeader(int(counts[1]), int(counts[2]), 4 if homogeneous else 3, normals, uvs), counts.end()
+
+
+def _off_lines(path: Path, header: _OffHeader, lines: _Lines) -> tuple[_Lines, _Lines]:
+    """Return the words of each vertex and each face; raises InputError unless they are as many as the header says."""
+    total = header.vertices + header.faces
+    if len(lines) == total:
+        return lines[: header.vertices], lines[header.vertices :]
+    words = [word for line in lines for word in line]
+    width, at = header.width, header.vertices * header.width
+    if at <= len(words) and not all(len(line) == width or _is_face(line) for line in lines):  # they break anywhere
+        faces: _Lines = []
+        while len(faces) < header.faces and at < len(words) and words[at].isdigit():
+            at, start = at + 1 + int(words[at]), at
+            faces.append(words[start:at])
+        if len(faces) == header.faces and at == len(words):
+            return [words[i * width : (i + 1) * width] for i in range(header.vertices)], faces
+    raise damaged_file(path, f"{header}, but has {counted(len(lines), 'line')} for them")
+
+
+def _is_face(words: list[bytes]) -> bool:
+    return words[0].isdigit() and len(words) == int(words[0]) + 1
+
+
+def _off_vertices(path: Path, header: _OffHeader, lines: _Lines) -> NDArray[np.float64]:
+    """Return the numbers of each vertex without its colour, (vertices, header.width)."""
+    width = max(header.width, len(lines[0]) if lines else 0)  # with the colour, which all have or none
+    uvs = 2 * header.uvs
+    rows = [[*line[: header.width - uvs], *line[len(line) - uvs :]] for line in lines]
+    try:
+        if all(len(line) == width for line in lines):
+            return np.array(rows, dtype=np.float64).reshape(-1, header.width)
+    except ValueError:
+        pass
+    number, line = next((n, line) for n, line in enumerate(lines) if not _are_numbers(line, width))
+    raise damaged_file(path, f"vertex {number} is {_shown(line)}, {width} numbers were expected; {header}")
+
+
+def _are_numbers(words: list[bytes], count: int) -> bool:
+    try:
+        return len([float(word) for word in words]) == count
+    except ValueError:
+        return False
+
+
+def _off_faces(path: Path, header: _OffHeader, lines: _Lines) -> list[list[int]]:
+    """Return the vertices of each face: as many as its first number says, before any colour."""
+    faces = []
+    for number, words in enumerate(lines):
         try:
-            rows = [line.split(None, 3)[:3] for line in lines[:vertices]]
-            positions = np.array(rows, dtype=np.float64).reshape(-1, 3)
-            polygons = [_polygon(line.split()) for line in lines[vertices : vertices + faces]]
-        except ValueError:
-            raise damaged_file(path, "a line is not the three coordinates or the polygon expected there") from None
-        counts = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
-        corners = np.array([vertex for polygon in polygons for vertex in polygon], dtype=np.int64)
-        check_indices(path, corners, vertices)
-        triangles, _ = polygon_triangles(counts, corners, positions)
-        return build_scene(path, "off", [MeshPiece("mesh", positions, corners[triangles])])
+            count = int(words[0])
+            faces.append([int(word) for word in words[1 : count + 1]])
+            if count < 0 or len(words) <= count:
+                raise ValueError
+        except (ValueError, OverflowError):
+            expected = f"the number of its corners and their vertices were expected; {header}"
+            raise damaged_file(path, f"face {number} is {_shown(words)}, {expected}") from None
+    return faces
 
 
-def _polygon(words: list[bytes]) -> list[int]:
-    """Return the vertices of a face line: as many as its first number says, before any colour."""
-    count = int(words[0])
-    if count < 0 or len(words) <= count:
-        raise ValueError
-    return [int(word) for word in words[1 : count + 1]]
+def _shown(words: list[bytes]) -> str:
+    return ascii(b" ".join(words[:20]).decode("latin-1")[:60])
 
 
 # Formats that are read through trimesh: triangles, the placement of each instance, and of COLLADA normals and UVs.

@@ -31,9 +31,10 @@ from aoprecalc.io.formats.base import (
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
 from aoprecalc.io.formats.files import FileSearch
 from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
-from aoprecalc.io.formats.polygons import Polygons, polygon_triangles, strip_triangles
+from aoprecalc.io.formats.polygons import NewUvs, Polygons, cut_note, lost_faces, polygon_triangles, strip_triangles
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
+from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import BaseColor, Float32Array, Float64Array, Int64Array, Part, Scene
 
@@ -113,7 +114,9 @@ def read_ply(path: Path, data: bytes) -> Scene:
     others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in _REWRITTEN)
     texture = header.texture_path(path)
     document = PlyDocument(polygons, {}, columns, face_columns, others, header.comments, texture)
-    return build_scene(path, "ply", [MeshPiece("mesh", positions, vertices, normals, uv_sets)], document)
+    return build_scene(
+        path, "ply", [MeshPiece("mesh", positions, vertices, normals, uv_sets)], document, lost_faces(polygons.counts)
+    )
 
 
 def uv_names(columns: Collection[str]) -> tuple[str, ...]:
@@ -194,12 +197,13 @@ _TEXTURE_NUMBER = "texnumber"  # the texture of each face, of several; the outpu
 _MAX_UCHAR_COUNT = 255  # the longest list whose count is a uchar
 
 
-def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> None:
+def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...]:
     """Write a PLY whose vertices are split where UVs or normals differ.
 
     Everything else of a PLY source is kept except list properties: the vertices in their order (those that a split
     adds come after them), the scalar properties of vertices and faces, other elements, comments. A polygon is cut into
-    its triangles where a seam runs through it. A `comment TextureFile` names the texture, as in MeshLab's files.
+    its triangles where a seam runs through it, or where other programs would cut it in other ways than the bake, as a
+    note says. A `comment TextureFile` names the texture, as in MeshLab's files.
     """
     scene, atlas, normals = mesh.scene, mesh.atlas, mesh.normals
     if isinstance(scene.document, PlyDocument):
@@ -207,7 +211,9 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> None:
     else:
         document, origins = _new_document(scene), scene.faces
     uvs = output_uvs(scene, atlas).astype(np.float32)
-    faces = document.polygons.merge_triangles([uvs, normals], decisive=atlas.mapped | (atlas.uv_set is not None))
+    new = np.full(len(uvs), atlas.uv_set is None)
+    mapping = NewUvs(scene.corners, uvs, new)
+    faces = document.polygons.merge_triangles([uvs, normals], decisive=atlas.mapped | ~new, mapping=mapping)
 
     at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in (normals, uvs)]
     count = len(document.vertices["x"])
@@ -234,6 +240,7 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> None:
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
+    return cut_note(faces)
 
 
 def _new_document(scene: Scene) -> PlyDocument:
@@ -302,8 +309,8 @@ class PlyFormat(MeshFormat):
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a PLY; see `write_ply`."""
-        write_ply(outputs, path, mesh)
-        return WrittenMesh((TextureReference("TextureFile", " and ".join(_UVS)),), self.losses(path, mesh))
+        notes = write_ply(outputs, path, mesh)
+        return WrittenMesh((TextureReference("TextureFile", " and ".join(_UVS)),), (*self.losses(path, mesh), *notes))
 
     def losses(self, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
         """Warn about parts that do not receive, too: all vertices have UVs here."""

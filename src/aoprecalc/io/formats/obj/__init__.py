@@ -64,8 +64,8 @@ class ObjFormat(MeshFormat):
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write an OBJ and its MTL; see `write_obj`."""
-        written = write_obj(outputs, path, mesh)
-        return written if written.messages else replace(written, messages=self.losses(path, mesh))
+        written, notes = write_obj(outputs, path, mesh)
+        return replace(written, messages=(*(written.messages or self.losses(path, mesh)), *notes))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return map_Ka of the part's material, else its map_Kd."""

@@ -23,7 +23,7 @@ from aoprecalc.io.formats.obj.materials import (
     material_files,
     read_materials,
 )
-from aoprecalc.io.formats.polygons import Polygons, polygon_triangles
+from aoprecalc.io.formats.polygons import Polygons, lost_faces, polygon_triangles
 from aoprecalc.progress import Note
 from aoprecalc.types import Float64Array, Int32Array, Scene
 
@@ -91,10 +91,7 @@ def read_obj(path: Path, data: bytes) -> Scene:
     counts, corners = _corners(path, lines, (len(positions), len(uvs), len(normals)))
     triangles, owners = polygon_triangles(counts, corners[:, 0], positions)
     polygons = Polygons(counts, triangles, owners)
-    warnings = []
-    if too_small := int(np.count_nonzero(counts < 3)):
-        skipped = one_or_many(too_small, "is skipped", "are skipped")
-        warnings.append(f"{counted(too_small, 'face')} of fewer than 3 corners {skipped}")
+    messages = list(lost_faces(counts))
 
     pieces = []
     for section, start, stop in _sections_with_faces(lines.sections, len(counts)):
@@ -111,12 +108,12 @@ def read_obj(path: Path, data: bytes) -> Scene:
     used = dict.fromkeys(section.material for section, _, _ in _sections_with_faces(lines.sections, len(counts)))
     unknown = [name for name in used if name is not None and name not in materials]
     if unknown and libraries:
-        warnings.append(_unknown_materials(unknown, libraries))
+        messages.append(_unknown_materials(unknown, libraries))
     normals_complete = bool(
         (corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all()
     )
     document = ObjDocument(polygons, materials, text, corners.astype(np.int32), normals_complete, libraries)
-    return build_scene(path, "obj", pieces, document, warnings)
+    return build_scene(path, "obj", pieces, document, messages)
 
 
 def _unknown_materials(names: Sequence[str], libraries: Sequence[Path]) -> Note:

@@ -23,7 +23,7 @@ from aoprecalc.io.formats.base import (
 )
 from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
 from aoprecalc.io.formats.obj.reader import ObjDocument, statement
-from aoprecalc.io.formats.polygons import OutputFaces
+from aoprecalc.io.formats.polygons import NewUvs, OutputFaces, cut_note
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note
@@ -122,13 +122,14 @@ class _CornerLines:
 
 def edit_lines(
     document: ObjDocument, scene: Scene, atlas: Atlas, normals: Float32Array, names: Mapping[MaterialUse, str]
-) -> list[str]:
+) -> tuple[list[str], tuple[Note, ...]]:
     """Return the lines of a document with the UVs of the atlas and the given normals on the parts that receive.
 
     names   of the materials in the output, see `material_names`
 
     Vertices keep their lines and indices; so do `vt` and `vn` where the file's own were used. A polygon is cut into its
-    triangles where a seam runs through it. The `mtllib` lines are left out.
+    triangles where a seam runs through it, or where programs would cut it in other ways than the bake, as a note says.
+    The `mtllib` lines are left out.
     """
     receives, polygons = scene.receives, document.polygons
     new_uvs = receives & (atlas.uv_set != 0)
@@ -136,7 +137,8 @@ def edit_lines(
     uvs = np.where(new_uvs[:, None, None], output_uvs(scene, atlas), 0.0)
     new_values = np.where(new_normals[:, None, None], normals, np.float32(0))
 
-    faces = polygons.merge_triangles([uvs, new_values], decisive=atlas.mapped | ~new_uvs)
+    mapping = NewUvs(scene.corners, uvs, new_uvs)
+    faces = polygons.merge_triangles([uvs, new_values], decisive=atlas.mapped | ~new_uvs, mapping=mapping)
     vertices, old_uvs, old_normals = document.corners[polygons.triangles.reshape(-1)[faces.corners]].T
     lines = document.text.split("\n")
     vt = _corner_lines(lines, "vt", old_uvs, _UV, uvs, new_uvs, faces)
@@ -145,7 +147,8 @@ def edit_lines(
 
     ends = np.searchsorted(faces.owners, np.arange(len(polygons.counts)), side="right").tolist()
     starts = [int(polygons.owners[part.start]) for part in scene.parts]  # the first `f` line of each
-    return _replace_faces(lines, _UsemtlNames(starts, scene.parts, names), vt, vn, texts, ends)
+    edited = _replace_faces(lines, _UsemtlNames(starts, scene.parts, names), vt, vn, texts, ends)
+    return edited, cut_note(faces)
 
 
 def _has_normals(document: ObjDocument, scene: Scene, normals: Float32Array) -> bool:
@@ -246,23 +249,23 @@ def _replace_faces(
     return result
 
 
-def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
+def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[WrittenMesh, tuple[Note, ...]]:
     """Write an OBJ and, beside it, an MTL of the same stem.
 
     The lines of an OBJ source are kept except the faces that receive. Their materials show the texture as map_Kd and
     lose their other textures, which were made for other UVs. Where the file's own UVs were used the textures stay, and
-    a material with a map_Kd shows the baked texture as map_Ka.
+    a material with a map_Kd shows the baked texture as map_Ka. The notes are about polygons that were cut.
     """
     scene, atlas = mesh.scene, mesh.atlas
     document = scene.document if isinstance(scene.document, ObjDocument) else new_document(scene)
     names = material_names(scene.parts, document.materials)
     library = path.with_suffix(".mtl")
-    edited = edit_lines(document, scene, atlas, mesh.normals, names)
+    edited, notes = edit_lines(document, scene, atlas, mesh.normals, names)
     outputs.path(path).write_bytes(_encode([f"mtllib {library.name}", *edited]))
     texture = relative_path(mesh.texture, path)
     lines, written = library_lines(document, names, library, texture, kept=atlas.uv_set == 0)
     outputs.path(library).write_bytes(_encode(lines))
-    return written
+    return written, notes
 
 
 def _encode(lines: Sequence[str]) -> bytes:
