@@ -80,6 +80,9 @@ class Part:
     occludes      it blocks light
     two_sided     its texels have the greater of both sides' values
     uv_owner      index of the part whose UV region it shares; None where it has its own
+    lod           the level of detail that the file says it is (MSFT_lod): of which node, and which, 0 the finest
+    levels        the levels of detail of the scene that show it, without gaps; None: all of them
+    hull          a collision hull, which is not part of the picture
     """
 
     name: str
@@ -95,6 +98,9 @@ class Part:
     occludes: bool = True
     two_sided: bool = False
     uv_owner: int | None = None
+    lod: tuple[int, int] | None = None
+    levels: range | None = None
+    hull: bool = False
 
     @property
     def faces(self) -> slice:
@@ -140,6 +146,11 @@ class Scene:
     def uvs(self) -> Float64Array | None:
         """The first UV set, (f, 3, 2) float64; None where the file has none."""
         return self.uv_sets[0] if self.uv_sets else None
+
+    @property
+    def levels(self) -> int:
+        """The number of its levels of detail, at least 1."""
+        return max((part.levels.stop for part in self.parts if part.levels), default=1)
 
     def per_face(self, values: Iterable[bool]) -> BoolArray:
         """Return the value of each face's part, (f,) bool, from one value for each part."""

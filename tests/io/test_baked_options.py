@@ -17,7 +17,7 @@ from gltf_kit.gltf_validator import needs_validator, new_issues
 VALUES = np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8)
 OPTIONS = ValueOptions(
     only=("Stühle *", "日本", '"quoted" \\ name'), exclude=("pot",), glass_occludes=True, two_sided=True, ground=True,
-    up="z", estimator="mean", normals="flat", crease_angle=30, instances="share",
+    up="z", estimator="mean", normals="flat", crease_angle=30, instances="share", all_parts=True,
 )  # fmt: skip
 TEXT = options_text(OPTIONS)
 

@@ -161,14 +161,14 @@ def test_a_mesh_that_is_missing_has_a_key_of_its_own(tmp_path):
 OTHER = {
     BakeOptions: {
         "only": ("a",), "exclude": ("a",), "occluders_only": ("a",), "glass_occludes": True, "two_sided": True,
-        "ground": True, "width": 64, "height": 64, "directions": 64, "sampling": "random", "seed": 1,
+        "all_parts": True, "ground": True, "width": 64, "height": 64, "directions": 64, "sampling": "random", "seed": 1,
         "estimator": "mean", "shadow_size": 64, "backend": "ray", "unwrap": "xatlas", "padding": 2, "fill": "none",
         "bit_depth": "16", "normals": "flat", "crease_angle": 30.0, "target_error": 0.1, "instances": "share",
         "pack": "orm",
     },
     SphereOptions: {
         "spheres": 8, "samples": 500, "seed": 1, "radius": "cover", "init": "kmeans++", "max_iterations": 5,
-        "method": "shadow", "tolerance": 0.1, "levels": (2, 4),
+        "method": "shadow", "tolerance": 0.1, "levels": (2, 4), "all_parts": True,
     },
 }  # fmt: skip
 SAME = {"threads": 2, "memory_limit": 1 << 30, "unwrap_timeout": 60.0}

@@ -1,6 +1,7 @@
 """The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and a report."""
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -97,7 +98,7 @@ def bake_scene(
         resolved_sides = [
             resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in sides
         ]
-        lighter = lighter_of_sides(resolved_sides[0], resolved_sides[-1])
+        lighter = reduce(lighter_of_sides, resolved_sides)  # the levels of detail have different texels
         texture = pad_and_fill(lighter, options.padding, options.fill, repeats=atlas.repeats)
     baked = Baked(
         scene=scene,
@@ -163,7 +164,7 @@ def _has_narrow_gutters(atlas: Atlas, padding: int) -> bool:
 def _messages(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
     """Return warnings and notes; `overlap` is the share of texels whose centre lies inside two faces."""
     scene, atlas = baked.scene, baked.atlas
-    lines: list[str] = [*_notes_on_materials(scene)]
+    lines: list[str] = [*_notes_on_materials(scene), *_notes_on_names(scene)]
     if baked.directions - 1 == options.directions:
         lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
     lines += _warn_of_error(baked, options)
@@ -191,6 +192,20 @@ def _notes_on_materials(scene: Scene) -> list[Note]:
         lines.append(Note(f"{_list(transparent)} transparent: baked, but light passes through; see --glass-occludes"))
     if unlit:
         lines.append(Note(f"{_list(unlit)} unlit: not baked"))
+    return lines
+
+
+def _notes_on_names(scene: Scene) -> list[Note]:
+    """Return notes on the parts whose names give them another role."""
+    hulls = [part.name for part in scene.parts if part.hull and not part.occludes and not part.receives]
+    lines = []
+    if scene.levels > 1:
+        coarse = [part.name for part in scene.parts if part.levels and part.levels.start and part.receives]
+        told = f"{scene.levels} levels of detail, each baked as if the others were not there"
+        lines.append(Note(f"{told}; {_list(coarse)} coarser; see --all-parts"))
+    if hulls:
+        what = one_or_many(len(hulls), "a collision hull", "collision hulls")
+        lines.append(Note(f"{_list(hulls)} {what}: neither baked nor in the way of light; see --all-parts"))
     return lines
 
 
@@ -364,6 +379,8 @@ def _part_roles(part: Part) -> PartRoles:
         glass=part.material.transparent,
         unlit=part.material.unlit,
         cut_out=part.material.alpha_mask is not None,
+        level=None if part.levels is None else part.levels.start,
+        hull=part.hull,
     )
 
 

@@ -129,7 +129,12 @@ class InputMesh(Report):
 
 @dataclass(frozen=True)
 class PartRoles(Report):
-    """A part of the mesh and its roles; `shares` is the index of the part whose UVs it uses."""
+    """A part of the mesh and its roles.
+
+    shares   index of the part whose UVs it uses
+    level    its level of detail, 0 the finest; None for a part that all levels show
+    hull     a collision hull
+    """
 
     name: str
     triangles: int
@@ -139,6 +144,8 @@ class PartRoles(Report):
     glass: bool
     unlit: bool
     cut_out: bool
+    level: int | None = None
+    hull: bool = False
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,7 @@ def measure_spheres(
     radii : array_like, (n,)
         In the mesh's units, >= 0.
     options : SphereOptions, optional
-        Of these only `samples` and `seed` count.
+        Of these only `samples`, `seed` and `all_parts` count.
     progress : Progress, optional
         Receives stages and warnings.
 

@@ -20,7 +20,7 @@ from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, sou
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, every_occlusion, mesh_beside
-from aoprecalc.mesh.roles import assign_roles, names_a_part, up_axis
+from aoprecalc.mesh.roles import assign_roles, finest_level, names_a_part, up_axis
 from aoprecalc.mesh.surface import face_normals, shading_normals
 from aoprecalc.metrics.errors import seam_difference
 from aoprecalc.options import ValueOptions, VerifyOptions
@@ -192,6 +192,7 @@ class MeshToDraw:
     up        the axis that points up, x, y or z
     files     that were read: no output may replace them
     messages  notes and warnings for the user
+    all_parts levels of detail and collision hulls are drawn as ordinary parts
     """
 
     mesh: TexturedMesh
@@ -201,6 +202,7 @@ class MeshToDraw:
     up: Literal["x", "y", "z"]
     files: tuple[Path, ...] = ()
     messages: tuple[str, ...] = ()
+    all_parts: bool = False
 
 
 def mesh_to_draw(
@@ -216,6 +218,8 @@ def mesh_to_draw(
     Raises ArgumentError, UsageError and InputError as `verify` does.
     """
     found = _baked_to_draw(mesh) if isinstance(mesh, Baked) else _find(mesh, texture)
+    if not found.all_parts:
+        found = _at_finest_level(found)
     return _with_colors(found) if colors else found
 
 
@@ -243,7 +247,21 @@ def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> Me
     about_texture = (*map(Note, surface.warnings), *_note_on_uv_set(surface, texture))
     messages = (*scene.notes, *scene.warnings, *about_texture)
     up = up_axis(scene, surface.options)
-    return MeshToDraw(shown, mesh.name, picture.name, picture.path, up, _files(scene, picture.path), messages)
+    files, all_parts = _files(scene, picture.path), surface.options.all_parts
+    return MeshToDraw(shown, mesh.name, picture.name, picture.path, up, files, messages, all_parts)
+
+
+def _at_finest_level(found: MeshToDraw) -> MeshToDraw:
+    """Leave out collision hulls and coarser levels of detail."""
+    mesh = found.mesh
+    scene, kept = finest_level(mesh.scene)
+    if kept.all():
+        return found
+    uvs = None if mesh.uvs is None else mesh.uvs[kept]
+    finest = replace(mesh, scene=scene, normals=mesh.normals[kept], uvs=uvs, textured=mesh.textured[kept])
+    left_out = counted(len(mesh.scene.parts) - len(scene.parts), "part")
+    note = Note(f"{scene.path}: {left_out} not drawn, as collision hulls or coarser levels of detail")
+    return replace(found, mesh=finest, messages=(*found.messages, note))
 
 
 def _files(scene: Scene, texture: Path | None = None) -> tuple[Path, ...]:
@@ -364,7 +382,8 @@ def _baked_to_draw(baked: Baked) -> MeshToDraw:
     scene = baked.scene
     uvs = output_uvs(scene, baked.atlas)
     mesh = TexturedMesh(scene, baked.normals.astype(np.float64), uvs, baked.texture.values, scene.receives)
-    return MeshToDraw(mesh, scene.path.stem, "its bake", None, up_axis(scene, baked.options), _files(scene))
+    up, all_parts = up_axis(scene, baked.options), baked.options.all_parts
+    return MeshToDraw(mesh, scene.path.stem, "its bake", None, up, _files(scene), all_parts=all_parts)
 
 
 def _normals(scene: Scene, options: ValueOptions) -> Float64Array:

@@ -1,13 +1,16 @@
-"""The roles of parts: which receive ambient occlusion, and which occlude."""
+"""The roles of parts: which receive ambient occlusion, which occlude, and at which level of detail."""
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Literal
 
+import numpy as np
+
 from aoprecalc.errors import ArgumentError, InputError, UsageError, counted, nearest
 from aoprecalc.options import LightOptions, PreviewOptions
-from aoprecalc.types import Part, Scene
+from aoprecalc.types import BoolArray, Float64Array, Part, Scene
 
 _MAX_NAMES = 10  # in an error about a wrong one
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -23,6 +26,8 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     """
     for argument in ("only", "exclude", "occluders_only"):
         _require_known(scene.parts, argument, getattr(options, argument))
+    if not options.all_parts:
+        scene = _with_hulls_and_levels(scene)
     parts = [_with_roles(part, options) for part in scene.parts]
     if not any(part.receives for part in parts):
         raise _nothing_to_bake(scene, options)
@@ -30,7 +35,8 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
 
 
 def _with_roles(part: Part, options: LightOptions) -> Part:
-    included = not _is_named(part, options.exclude)
+    hull = part.hull and not _is_named(part, [*options.only, *options.occluders_only])  # unless the user asks for it
+    included = not hull and not _is_named(part, options.exclude)
     receives = included and not part.material.unlit and not _is_named(part, options.occluders_only)
     return replace(
         part,
@@ -98,3 +104,165 @@ def _nothing_to_bake(scene: Scene, options: LightOptions) -> InputError | UsageE
         "exclude",
         "occluders_only",
     )
+
+
+def at_level(scene: Scene, level: int) -> Scene:
+    """Return a scene with roles at one of its levels of detail: parts of others neither receive nor occlude.
+
+    A part that several levels show receives in the first of them.
+    """
+    if scene.levels == 1:
+        return scene
+    parts = (
+        replace(
+            part,
+            receives=part.receives and level == (part.levels or range(1)).start,
+            occludes=part.occludes and (part.levels is None or level in part.levels),
+        )
+        for part in scene.parts
+    )
+    return replace(scene, parts=tuple(parts))
+
+
+def finest_level(scene: Scene) -> tuple[Scene, BoolArray]:
+    """Return a scene without collision hulls and coarser levels of detail, and the faces that it keeps, (f,) bool."""
+    scene = _with_hulls_and_levels(scene)
+    kept = [not part.hull and (part.levels is None or part.levels.start == 0) for part in scene.parts]
+    if all(kept):
+        return scene, np.ones(len(scene.faces), bool)
+    faces = scene.per_face(kept)
+    used, corners = np.unique(scene.faces[faces], return_inverse=True)
+    number = np.cumsum(kept) - 1  # of each part among those that are kept
+    parts, start = list[Part](), 0
+
+    def renumbered(index: int | None) -> int | None:
+        return int(number[index]) if index is not None and kept[index] else None
+
+    for part in (part for part, keep in zip(scene.parts, kept, strict=True) if keep):
+        stop = start + part.stop - part.start
+        moved = replace(part, start=start, stop=stop, levels=None, instance_of=renumbered(part.instance_of))
+        parts.append(replace(moved, duplicate_of=renumbered(part.duplicate_of), uv_owner=renumbered(part.uv_owner)))
+        start = stop
+    finest = replace(
+        scene,
+        positions=scene.positions[used],
+        faces=corners.reshape(-1, 3).astype(np.int32),
+        normals=None if scene.normals is None else scene.normals[faces],
+        uv_sets=tuple(uvs[faces] for uvs in scene.uv_sets),
+        parts=tuple(parts),
+    )
+    return finest, faces
+
+
+# What the names of parts say in games: collision hulls, and levels of detail.
+
+_HULL = re.compile(r"(?:UCX|UBX|UCP|USP)_.+|.+-(?:convcol|col|occ)only(?:\W?\d+)?", re.IGNORECASE)  # Unreal, Godot
+_MAYBE_HULL = re.compile(r"(?:col|collision|collider)[_\-. ](.+)|(.+)[_\-. ](?:col|collision|collider)", re.IGNORECASE)
+_COPY = re.compile(r"[_\-. ]?\d+$")  # the number of a copy, at the end of a name
+_SAME_BOX = 0.5  # intersection over union of two bounding boxes
+_LEVEL = re.compile(r"(?:(?:^|[_\-. ])[Ll][Oo][Dd]|(?<=[a-z0-9])LOD)[_\-. ]?(\d{1,2})(?![0-9A-Za-z])")
+
+
+def _with_hulls_and_levels(scene: Scene) -> Scene:
+    """Mark collision hulls and levels of detail; none of them shares positions with what is not shown with it."""
+    hulls = _find_hulls(scene)
+    if all(hulls):  # such as a file that holds nothing else
+        hulls = [False] * len(hulls)
+    levels = _find_levels([None if hull else part for part, hull in zip(scene.parts, hulls, strict=True)])
+    if not any(hulls) and not any(levels):
+        return scene
+    parts = [
+        replace(part, hull=hull, levels=shown) for part, hull, shown in zip(scene.parts, hulls, levels, strict=True)
+    ]
+    positions, faces = [scene.positions], scene.faces.copy()
+    apart = [-1 if part.hull else part.levels.start if part.levels else 0 for part in parts]
+    for group in sorted(set(apart) - {0}):
+        chosen = scene.per_face(other == group for other in apart)
+        used, corners = np.unique(faces[chosen], return_inverse=True)
+        faces[chosen] = corners.reshape(-1, 3) + sum(map(len, positions))
+        positions.append(scene.positions[used])
+    used, corners = np.unique(faces, return_inverse=True)
+    faces = corners.reshape(-1, 3).astype(np.int32)
+    return replace(scene, parts=tuple(parts), positions=np.concatenate(positions)[used], faces=faces)
+
+
+def _find_hulls(scene: Scene) -> list[bool]:
+    """Tell which parts are collision hulls.
+
+    Some names say so (UCX_wall, wall-colonly). Others may (COL_wall, wall_collision), as `Col_1` may be a column: these
+    are hulls where the rest of the name is that of another part, or where their bounding box is that of the others.
+    """
+    names = [{part.name, *part.names} for part in scene.parts]
+    certain = [any(_HULL.fullmatch(name) for name in own) for own in names]
+    rests = [
+        {rest.lower() for name in own if (found := _MAYBE_HULL.fullmatch(name)) for rest in found.groups() if rest}
+        for own in names
+    ]
+    rests = [{form for rest in own for form in (rest, _COPY.sub("", rest))} for own in rests]
+    others = [index for index, own in enumerate(rests) if not own and not certain[index]]
+    known = {name.lower() for index in others for name in names[index]}
+    hulls = []
+    for index, own in enumerate(rests):
+        same = bool(own) and bool(others) and (bool(own & known) or _same_box(scene, index, others))
+        hulls.append(certain[index] or same)
+    return hulls
+
+
+def _same_box(scene: Scene, part: int, others: Sequence[int]) -> bool:
+    """Tell whether the bounding box of a part is about that of one of the others, or of all of them."""
+    boxes = {index: _box(scene, scene.parts[index]) for index in (part, *others)}
+    every = np.array([boxes[index] for index in others])
+    of_others = [*every, np.array([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])]
+    (low, high), size = boxes[part], float(np.ptp(scene.positions, axis=0).max())
+    for low_2, high_2 in of_others:
+        # Flat boxes have a thickness here, too.
+        shared, both = (
+            np.prod(np.maximum(end - start, 0) + 1e-3 * size)
+            for start, end in (
+                (np.maximum(low, low_2), np.minimum(high, high_2)),
+                (np.minimum(low, low_2), np.maximum(high, high_2)),
+            )
+        )
+        if shared > _SAME_BOX * both:
+            return True
+    return False
+
+
+def _box(scene: Scene, part: Part) -> Float64Array:
+    """Return the least and the greatest coordinates of a part, (2, 3)."""
+    corners = scene.positions[scene.faces[part.faces]].reshape(-1, 3)
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
+
+
+def _find_levels(parts: Sequence[Part | None]) -> list[range | None]:
+    """Return the levels of detail of the scene that show each part; None for a part that all of them show.
+
+    Where an object has fewer levels than another, its coarsest one stands for those that it lacks.
+    """
+    found = [None if part is None else _level_of(part) for part in parts]
+    objects = {base for base, _ in filter(None, found)}
+    for index, part in enumerate(parts):
+        if part is not None and found[index] is None and (name := part.name.lower()) in objects:
+            found[index] = (name, -1)  # tree, beside tree_LOD1
+    levels = {base: sorted({level for other, level in filter(None, found) if other == base}) for base in objects}
+    count = max(map(len, levels.values()), default=1)
+    result: list[range | None] = []
+    for entry in found:
+        if entry is None or len(levels[entry[0]]) == 1:
+            result.append(None)
+            continue
+        own = levels[entry[0]]
+        level = own.index(entry[1])
+        result.append(range(level, count if level == len(own) - 1 else level + 1))
+    return result
+
+
+def _level_of(part: Part) -> tuple[str, int] | None:
+    """Return the object of which a part is a level of detail, and the number of the level; None where it is none."""
+    if part.lod is not None:
+        return f"node {part.lod[0]}", part.lod[1]
+    for name in (part.name, *sorted(part.names)):
+        if found := _LEVEL.search(name):
+            before, after = (text.strip("_-. ").lower() for text in (name[: found.start()], name[found.end() :]))
+            return before or after, int(found.group(1))
+    return None

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aoprecalc.mesh.roles import at_level
 from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
 from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.options import Estimator, VerifyOptions
@@ -201,6 +202,24 @@ def reference_ao(
     the number of all rays. If n opposes g, g replaces it. Two-sided faces have the maximum of both sides' values.
     Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
     """
+    values: Float64Array = np.zeros(len(points))
+    for level in range(scene.levels):
+        shown = at_level(scene, level)
+        chosen = np.flatnonzero(shown.receives[points.faces]) if scene.levels > 1 else np.arange(len(points))
+        of_level = SurfacePoints(points.faces[chosen], points.weights[chosen])
+        values[chosen] = _at_level(shown, shading, of_level, options, progress, estimator)
+    return values
+
+
+def _at_level(
+    scene: Scene,
+    shading: Float32Array,
+    points: SurfacePoints,
+    options: VerifyOptions,
+    progress: Progress,
+    estimator: Estimator,
+) -> Float64Array:
+    """Return the ambient occlusion at points that one level of detail shows."""
     surface = NormalizedSurface.from_scene(scene, shading)
     occluders = RayCaster(surface.occluders, options.threads)
     positions, normals, geometric = surface.interpolate(points.faces, points.weights)

@@ -62,6 +62,10 @@ TwoSidedField = Annotated[bool, _scene(
     more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
 GroundField = Annotated[bool, _scene("Put the scene on an endless ground plane: no light comes from below.")]
 UpField = Annotated[Up, _scene("Axis that points up from the ground of `ground`. auto: y; z for STL.")]
+AllPartsField = Annotated[bool, _scene(
+    "Treat levels of detail and collision hulls as ordinary parts.",
+    more="Without it each level of detail is baked as if the others were not there (MSFT_lod, names like tree_LOD1), "
+    "and collision hulls (names like UCX_tree, COL_tree, tree-colonly) neither receive nor occlude.")]
 ThreadsField = Annotated[int, _run(
     "Threads for software rendering and rays; 0: all cores.", range=(0, 1024),
     more="A process keeps the number that its first bake asked for.")]
@@ -76,6 +80,7 @@ class LightOptions(Validated):
     exclude: ExcludeField = ()
     occluders_only: OccludersOnlyField = ()
     glass_occludes: GlassOccludesField = False
+    all_parts: AllPartsField = False
     two_sided: TwoSidedField = False
     ground: GroundField = False
     up: UpField = "auto"
@@ -205,6 +210,7 @@ class VerifyOptions(Validated):
     exclude: ExcludeField | None = None
     occluders_only: OccludersOnlyField | None = None
     glass_occludes: GlassOccludesField | None = None
+    all_parts: AllPartsField | None = None
     two_sided: TwoSidedField | None = None
     ground: GroundField | None = None
     up: UpField | None = None

@@ -66,6 +66,11 @@ class SphereOptions(Validated):
         more="Numbers of spheres, ascending, such as 8,32,128. Every sphere of a finer set names its parent in "
         "the coarser one, which lies about it but need not contain it.")] = ()
 
+    all_parts: Annotated[bool, _samples(
+        "Treat levels of detail and collision hulls as ordinary parts.",
+        more="Without it spheres stand for the finest level of detail (MSFT_lod, names like tree_LOD0), and collision "
+        "hulls (names like UCX_tree, COL_tree, tree-colonly) are left out.")] = False
+
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong, or where two contradict each other."""
         super().__post_init__()

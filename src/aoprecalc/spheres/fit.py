@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, counted
+from aoprecalc.mesh.roles import finest_level
 from aoprecalc.options import Method, SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres.algebraic import fit_algebraic
@@ -34,6 +35,7 @@ def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> 
     Raises InputError if the surface has no area or too few distinct samples, AoprecalcError if no allowed number of
     spheres reaches `options.tolerance`.
     """
+    scene = shown_scene(scene, options, progress)
     frame = NormalizedFrame.from_positions(scene.positions)
     rng = np.random.default_rng(options.seed)
     counts = options.levels or (1 if options.tolerance is not None else options.spheres,)
@@ -68,6 +70,17 @@ def fit_sphere_set(scene: Scene, options: SphereOptions, progress: Progress) -> 
     return spheres, quality
 
 
+def shown_scene(scene: Scene, options: SphereOptions, progress: Progress) -> Scene:
+    """Return what spheres stand for: the finest level of detail, without collision hulls, unless asked otherwise."""
+    if options.all_parts:
+        return scene
+    finest, kept = finest_level(scene)
+    if not kept.all():
+        left_out = counted(len(scene.parts) - len(finest.parts), "part")
+        progress.note(f"{left_out} left out, as collision hulls or coarser levels of detail; see --all-parts")
+    return finest
+
+
 def surface_samples(scene: Scene, count: int, seed: int) -> Float64Array:
     """Return the samples to which `fit_sphere_set` fits spheres, (count, 3) in mesh coordinates."""
     frame = NormalizedFrame.from_positions(scene.positions)
@@ -79,8 +92,9 @@ def measure_quality(
 ) -> Quality:
     """Compute `sphere_quality` of any spheres, (n, 3) and (n,) in mesh coordinates.
 
-    Only `samples` and `seed` of the options are used. Raises InputError if the surface has no area.
+    Of the options only `samples`, `seed` and `all_parts` are used. Raises InputError if the surface has no area.
     """
+    scene = shown_scene(scene, options, progress)
     frame = NormalizedFrame.from_positions(scene.positions)
     with progress.stage("quality"):
         points = sample_points(scene, frame, options.samples, 1, np.random.default_rng(options.seed))

@@ -5,6 +5,7 @@ Hidden surfaces of assets made of many parts are dark, and ought to be; a mesh t
 
 import numpy as np
 
+from aoprecalc.raster.layout import keep_faces
 from aoprecalc.types import BoolArray, DarkPart, DarkTexels, Float32Array, Float64Array, Int32Array, Scene, Texels
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.gather import TexelOcclusion
@@ -37,6 +38,8 @@ def dark_texels(setup: BakeSetup, sides: list[TexelOcclusion]) -> DarkTexels:
     others = _some(np.sort(texels.index), _MAX_TEXELS) if len(scene.parts) > 1 else chosen
     index = np.union1d(chosen, others)
     samples = setup.center_samples(Texels(texels.width, texels.height, index))
+    if setup.sides[0].faces is not None:  # the rays meet what the finest level of detail shows
+        samples = keep_faces(samples, setup.sides[0].faces)
     cast, counted = ((samples.faces >= 0) & np.isin(index, ones) for ones in (chosen, others))
     if not cast.any():
         return DarkTexels(share)

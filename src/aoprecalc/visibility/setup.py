@@ -3,9 +3,11 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from aoprecalc.errors import ArgumentError
+from aoprecalc.mesh.roles import at_level
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.options.fields import format_bytes
@@ -102,7 +104,7 @@ class BakeInputs:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSide:
-    """One side of the surface, front or back.
+    """One side of the surface, front or back, at one level of detail.
 
     surface   flipped so that this side is the front
     texels    those that have a value on this side
@@ -120,7 +122,7 @@ class BakeSetup:
     axes     (a, 3) float64 unit vectors
     groups   slices of the axes, in the order in which their sums are added
     texels   all that the surface covers
-    sides    the front, and the back where some faces are two-sided
+    sides    the front, and the back where some faces are two-sided, for each level of detail
     """
 
     def __init__(self, backend: Backend, inputs: BakeInputs) -> None:
@@ -131,12 +133,21 @@ class BakeSetup:
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()
-        self.sides = [SurfaceSide(NormalizedSurface.from_scene(scene, inputs.normals), self.texels, None)]
-        two_sided = scene.two_sided & scene.receives
+        self.sides = [side for level in range(scene.levels) for side in self._sides(at_level(scene, level))]
+
+    def _sides(self, scene: Scene) -> Iterator[SurfaceSide]:
+        """Yield the front and, where some faces are two-sided, the back of a scene at one level of detail."""
+        surface, receives = NormalizedSurface.from_scene(scene, self.inputs.normals), scene.receives
+        two_sided = scene.two_sided & receives
+        all_levels = self.inputs.scene.levels == 1
+        yield SurfaceSide(surface, self.texels, None) if all_levels else self._side(surface, receives)
         if two_sided.any() and len(self.texels):
-            face = self.center_samples(self.texels).faces
-            texels = self.texels.select((face < 0) | two_sided[face])
-            self.sides.append(SurfaceSide(self.sides[0].surface.flipped(), texels, two_sided))
+            yield self._side(surface.flipped(), two_sided)
+
+    def _side(self, surface: NormalizedSurface, faces: BoolArray) -> SurfaceSide:
+        """Return a side of which only the faces in a mask, (f,) bool, have texels."""
+        face = self.center_samples(self.texels).faces
+        return SurfaceSide(surface, self.texels.select((face < 0) | faces[face]), faces)
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""

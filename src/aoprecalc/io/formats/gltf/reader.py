@@ -22,6 +22,7 @@ from aoprecalc.system import path_from
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
+LOD = "MSFT_lod"
 _TRS = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
 
 
@@ -31,15 +32,22 @@ class SceneNode:
 
     matrix   (4, 4) float64, local to world
     names    of the node and its ancestors
+    lod      the level of detail that it belongs to (MSFT_lod): index of the node of the finest, and which; else None
     """
 
     matrix: Float64Array
     names: frozenset[str]
+    lod: tuple[int, int] | None = None
 
 
 def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
-    """Return the nodes of the shown scene by index, parents first; raises InputError where they do not form trees."""
+    """Return the nodes of the shown scene by index, parents first; raises InputError where they do not form trees.
+
+    The coarser levels of detail of a node (MSFT_lod) are siblings of it, whether a parent names them or not.
+    """
     pending = [(root, SceneNode(np.eye(4), frozenset())) for root in reversed(_roots(document))]
+    named = {root for root, _ in pending} | _children(document)
+    levels = _levels_of_detail(document)
     placed: dict[int, SceneNode] = {}
     while pending:
         index, parent = pending.pop()
@@ -47,9 +55,24 @@ def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
             raise damaged_file(document.path, f"node {index} is reached twice, a tree of nodes was expected")
         node = document.entry("nodes", index)
         names = parent.names | ({node["name"]} if node.get("name") else set())
-        placed[index] = SceneNode(parent.matrix @ _local_matrix(node), names)
+        placed[index] = SceneNode(parent.matrix @ _local_matrix(node), names, levels.get(index, parent.lod))
         pending.extend((child, placed[index]) for child in reversed(node.get("children", [])))
+        coarser = [other for other, (finest, _) in levels.items() if finest == index and other not in named]
+        pending.extend((other, parent) for other in reversed(coarser) if other != index)
     return placed
+
+
+def _levels_of_detail(document: GltfDocument) -> dict[int, tuple[int, int]]:
+    """Return by node the level of detail that it is (MSFT_lod): the node of the finest, and which, 0 the finest."""
+    levels: dict[int, tuple[int, int]] = {}
+    for finest, node in enumerate(document.json.get("nodes", [])):
+        for level, other in enumerate([finest, *node.get("extensions", {}).get(LOD, {}).get("ids", [])]):
+            if level == 1:
+                levels.setdefault(finest, (finest, 0))
+            if level:
+                document.entry("nodes", other)
+                levels.setdefault(other, (finest, level))
+    return levels
 
 
 def instance_matrices(document: GltfDocument, node: Json) -> Float64Array | None:
@@ -70,8 +93,12 @@ def _roots(document: GltfDocument) -> list[int]:
         roots: list[int] = document.entry("scenes", document.json.get("scene", 0)).get("nodes", [])
         return roots
     nodes: list[Json] = document.json.get("nodes", [])
-    children = {child for node in nodes for child in node.get("children", [])}
+    children = _children(document) | {node for node, (_, level) in _levels_of_detail(document).items() if level}
     return [index for index in range(len(nodes)) if index not in children]
+
+
+def _children(document: GltfDocument) -> set[int]:
+    return {child for node in document.json.get("nodes", []) for child in node.get("children", [])}
 
 
 def _local_matrix(node: Json) -> Float64Array:
@@ -157,7 +184,7 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     if skipped:
         messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
-    return replace(scene, parts=_instances(scene.parts))
+    return replace(scene, parts=_instances(scene.parts, nodes))
 
 
 def _messages(path: Path, json: Json) -> Iterator[str]:
@@ -173,8 +200,8 @@ def _messages(path: Path, json: Json) -> Iterator[str]:
         yield f"{path} refers to {uri[:60]!a}, which is read from {where!a}; other programs may not find it"
 
 
-def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
-    """Set Part.instance_of and duplicate_of: the first part of the same primitive, anywhere and in the same node."""
+def _instances(parts: tuple[Part, ...], nodes: dict[int, SceneNode]) -> tuple[Part, ...]:
+    """Set Part.lod; and instance_of, duplicate_of: the first part of the same primitive, anywhere and in its node."""
     first: dict[tuple[int, ...], int] = {}
     result = []
     for index, part in enumerate(parts):
@@ -183,7 +210,8 @@ def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
         anywhere = first.setdefault((source.mesh, source.primitive), index)
         same_node = first.setdefault((source.mesh, source.primitive, source.node), index)
         earlier = [None if other == index else other for other in (anywhere, same_node)]
-        result.append(replace(part, instance_of=earlier[0], duplicate_of=earlier[1]))
+        lod = nodes[source.node].lod
+        result.append(replace(part, instance_of=earlier[0], duplicate_of=earlier[1], lod=lod))
     return tuple(result)
 
 
