@@ -16,6 +16,7 @@ _SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
 _STL_ANGLE = 40.0  # STL stores no smooth normals: sharper edges were probably meant to be hard
 # Twice the area of a face over its longest edge squared, below which doubles cannot tell its direction.
 _MIN_FLATNESS = 1e-12
+_FAR = 8  # extents of a mesh between it and the origin, beyond which positions are stored about an origin of their own
 _ZERO, _Z_AXIS = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -54,6 +55,20 @@ def face_normals(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     normals = np.cross(sides[:, 0], sides[:, 1])
     has_area: BoolArray = np.linalg.norm(normals, axis=1) > _MIN_FLATNESS
     return np.where(has_area[:, None], normalize(normals), _Z_AXIS), has_area
+
+
+def local_origin(positions: Float64Array) -> Float64Array:
+    """Return an origin, (3,), about which float32 holds (n, 3) positions to 1e-7 of their extent.
+
+    (0, 0, 0) where it does so anyway: where no coordinate is beyond 8 times the extent, as on maps. The origin is
+    then their middle, rounded so that differences from it are exact in float64.
+    """
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    extent = (high - low).max()
+    if np.abs(positions).max() <= _FAR * extent:
+        return np.zeros(3)
+    step = 2.0 ** np.floor(np.log2(extent))
+    return np.asarray(np.round((low / 2 + high / 2) / step) * step + 0.0)
 
 
 def default_crease_angle(scene: Scene) -> float:

@@ -22,6 +22,7 @@ from aoprecalc.types import REVERSED_WINDING, Atlas, Scene
 
 _HEADER_BYTES = 84  # of a binary STL: 80 bytes of text and the number of faces
 _FACE_BYTES = 50
+_MAX_COARSENESS = 0.02  # the step of float32 over the median edge, beyond which shapes are visibly coarse
 _SOLID = re.compile(r"\s*solid\b", re.IGNORECASE)
 _FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
 _VERTEX = re.compile(r"^[ \t]*vertex((?:[ \t]+\S+)*)[ \t]*$", re.MULTILINE | re.IGNORECASE)
@@ -54,7 +55,8 @@ class StlFormat(MeshFormat):
                 path, f"{counted(faces, 'face')} in {size} bytes were expected, but it has {len(data)} bytes"
             )
         messages = [] if len(data) == size else [f"after the last face {counted(len(data) - size, 'byte')} ignored"]
-        return build_scene(path, "stl", _read_binary(data[:size]), messages=messages)
+        pieces = _read_binary(data[:size])
+        return build_scene(path, "stl", pieces, messages=[*messages, *_coarseness(path, pieces)])
 
 
 def _binary_size(data: bytes) -> tuple[int, int]:
@@ -68,6 +70,17 @@ def _read_binary(data: bytes) -> list[MeshPiece]:
 
     loaded = load_stl_binary(BytesIO(data))
     return [_soup("mesh", loaded["vertices"])] if "vertices" in loaded else []
+
+
+def _coarseness(path: Path, pieces: list[MeshPiece]) -> Iterator[str]:
+    """Yield a warning where the float32 of a binary STL cannot tell its positions apart, as at map coordinates."""
+    for piece in pieces:
+        corners = piece.positions.reshape(-1, 3, 3)
+        step = float(np.spacing(np.abs(piece.positions).max(initial=0).astype(np.float32)))
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        if len(edges) and step > _MAX_COARSENESS * np.median(edges):
+            far = f"the float32 coordinates of a binary STL are {step:g} units apart so far from the origin"
+            yield f"{path}: {far}, and the shape is as coarse; move it to the origin and export it again"
 
 
 def _read_text(path: Path, text: str) -> list[MeshPiece]:

@@ -15,6 +15,7 @@ from aoprecalc.io.formats.gltf.references import GltfBuffer
 from aoprecalc.io.formats.gltf.writer import glb
 from aoprecalc.io.meshes import load_scene
 from aoprecalc.io.sphere_files.tables import read_file
+from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
@@ -63,7 +64,8 @@ _TRANSLUCENT: Json = {
 def spheres_glb(spheres: SphereSet, scene: Scene | None) -> bytes:
     """Return a GLB with a node for the scene's mesh, if there is one, and a node `sphere_<n>` for each sphere, from 0.
 
-    The mesh has one colour; its positions are rounded to float32. The nodes of spheres are in float64.
+    The mesh has one colour; its positions are rounded to float32, if they are far away about a local origin that its
+    node moves there. The nodes of spheres are in float64.
     Raises ValueError where a position of the mesh is beyond float32.
     """
     document: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0}
@@ -71,7 +73,9 @@ def spheres_glb(spheres: SphereSet, scene: Scene | None) -> bytes:
     buffer = GltfBuffer(document)
     if scene is not None:
         name = printable_name(scene)
-        document["nodes"].append({"name": name, "mesh": _add(document, name, _surface(buffer, scene), _MESH)})
+        origin = local_origin(scene.positions)
+        node = {"name": name, "mesh": _add(document, name, _surface(buffer, scene, origin), _MESH)}
+        document["nodes"].append(node | ({"translation": origin.tolist()} if origin.any() else {}))
     ball = _add(document, "sphere", _icosphere(buffer), _TRANSLUCENT)
     document["nodes"] += [
         {"name": f"sphere_{number}", "mesh": ball, "translation": center, "scale": [radius] * 3}
@@ -90,11 +94,11 @@ def _add(document: Json, name: str, primitive: Json, material: Json) -> int:
     return len(document["meshes"]) - 1
 
 
-def _surface(buffer: GltfBuffer, scene: Scene) -> Json:
-    """Return the primitive of a scene with the file's normals; without normals viewers shade each face flat."""
+def _surface(buffer: GltfBuffer, scene: Scene, origin: Float64Array) -> Json:
+    """Return the primitive of a scene about an origin, with the file's normals; without, viewers shade faces flat."""
     split = corners_to_vertices(scene.faces, *([] if scene.normals is None else [scene.normals]))
     with np.errstate(over="ignore"):
-        positions = scene.positions[scene.faces.reshape(-1)[split.corner]].astype(np.float32)
+        positions = (scene.positions[scene.faces.reshape(-1)[split.corner]] - origin).astype(np.float32)
     if not np.isfinite(positions).all():
         raise ValueError("a position is beyond float32")
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}

@@ -33,6 +33,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
 from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references
 from aoprecalc.io.images import options_text, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
+from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
@@ -42,9 +43,10 @@ def new_document(
 ) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
     """Return (json, buffer, texcoords) for a scene of another format: a node and a mesh for each name and material.
 
-    Positions are rounded to float32. Materials keep their diffuse colour and texture, whose URI is relative to the
-    scene's folder. The file's first UV set is kept: before the new set if a texture needs it, else after it, since
-    simple viewers read the first set only. Parts that do not receive get only the file's UVs and normals.
+    Positions are rounded to float32, if they are far away about a local origin that a node above all moves there.
+    Materials keep their diffuse colour and texture, whose URI is relative to the scene's folder. The file's first UV
+    set is kept: before the new set if a texture needs it, else after it, since simple viewers read the first set only.
+    Parts that do not receive get only the file's UVs and normals.
     `texcoords` is (mesh, primitive) -> the n of the TEXCOORD_n of the atlas, for primitives that receive.
     """
     json: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0, "scenes": [{"nodes": []}]}
@@ -54,6 +56,7 @@ def new_document(
     names = material_names(scene.parts, known)
     materials: dict[MaterialUse, int] = {}
     texcoords = {}
+    origin = local_origin(scene.positions)
     for (name, use), parts in _groups(scene).items():
         material = known.get(use[0] or "", SourceMaterial(""))
         if use not in materials:
@@ -62,12 +65,17 @@ def new_document(
 
         own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set is None else []
         uv_sets = [*own, *new] if material.texture else [*new, *own]
-        primitive = _primitive(buffer, scene, parts, normals if use[1] else scene.normals, uv_sets)
+        primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets)
         if use[1]:
             texcoords[len(json["meshes"]), 0] = len(own) if new and material.texture else 0
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
         json["nodes"].append({"name": _valid_unicode(name), "mesh": len(json["meshes"])})
         json["meshes"].append({"name": _valid_unicode(name), "primitives": [primitive | {"material": materials[use]}]})
+    if origin.any():
+        json["nodes"].append(
+            {"name": "local origin", "translation": origin.tolist(), "children": json["scenes"][0]["nodes"]}
+        )
+        json["scenes"][0]["nodes"] = [len(json["nodes"]) - 1]
     return json, buffer, texcoords
 
 
@@ -95,16 +103,17 @@ def _groups(scene: Scene) -> dict[tuple[str, MaterialUse], list[Part]]:
 def _primitive(
     buffer: GltfBuffer,
     scene: Scene,
+    origin: Float64Array,
     parts: Sequence[Part],
     normals: Float32Array | None,
     uv_sets: Sequence[Float64Array],
 ) -> Json:
-    """Return a primitive of the faces of some parts; normals and UVs are those of all faces of the scene."""
+    """Return a primitive of the faces of some parts, about an origin; normals and UVs are those of all faces."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
     values |= {f"TEXCOORD_{number}": flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
     split = corners_to_vertices(scene.faces[faces], *values.values())
-    positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]]
+    positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]] - origin
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
     for name, array in values.items():
         attributes[name] = buffer.add_floats(array.reshape(-1, array.shape[2])[split.corner])
