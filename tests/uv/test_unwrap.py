@@ -13,7 +13,8 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, corner_ids
-from aoprecalc.uv.unwrap import _CHILDREN, choose_atlas, choose_gutter, first_unsafe_mip, unwrap
+from aoprecalc.uv.pack import choose_gutter, first_unsafe_mip
+from aoprecalc.uv.unwrap import _CHILDREN, choose_atlas, unwrap
 from shapes import ball, box, join, quad, quad_uvs, scene, torus
 
 SIZE = 256

@@ -28,7 +28,8 @@ from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
-from aoprecalc.uv.unwrap import MAX_OVERLAP, choose_atlas, first_unsafe_mip, needs_uvs
+from aoprecalc.uv.pack import first_unsafe_mip
+from aoprecalc.uv.unwrap import MAX_OVERLAP, choose_atlas, needs_uvs
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.directions import auto_shadow_size
