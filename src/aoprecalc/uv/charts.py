@@ -68,8 +68,8 @@ def _cut_with_xatlas(positions: Float64Array, faces: Int32Array) -> Charts:
     atlas.generate()
     _, corners, uvs = atlas.get_mesh(0)
     _, chart = atlas.get_mesh_vertex_assignment(0)
-    flat = uvs.astype(np.float64) * (atlas.width, atlas.height) / (atlas.texels_per_unit * scale)
-    return _from_vertices(flat, corners, chart.astype(np.int32))
+    charts = _from_vertices(uvs.astype(np.float64) * (atlas.width, atlas.height), corners, chart.astype(np.int32))
+    return _undo_rounding(charts, positions[faces], atlas.texels_per_unit * scale)
 
 
 def _scale_for_xatlas(corners: Float64Array) -> float:
@@ -77,6 +77,36 @@ def _scale_for_xatlas(corners: Float64Array) -> float:
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     smallest = areas[areas > 0].min(initial=1.0)
     return float(np.clip(2.0 ** np.ceil(np.log2(_MIN_AREA / smallest) / 2), *_SCALES))
+
+
+def _undo_rounding(charts: Charts, surface: Float64Array, density: float) -> Charts:
+    """Return charts, whose UVs xatlas gave in texels, in the unit of length of the corners of their faces, (f, 3, 3).
+
+    density   texels per unit of length
+    xatlas stretches each chart along both axes to whole texels, which makes thin ones much wider. That is undone by the
+    two scales a, b within its reach for which (a du)^2 + (b dv)^2 is nearest to the squared length of each edge.
+    """
+    of_face = charts.chart[charts.placed]
+    uvs, corners = charts.uvs[charts.placed], surface[charts.placed] * density
+    squared, lengths = ((np.roll(points, -1, axis=1) - points) ** 2 for points in (uvs, corners))
+    u, v, length = squared[..., 0], squared[..., 1], lengths.sum(axis=2)
+    uu, uv, vv, ul, vl = (
+        np.bincount(of_face, product.sum(axis=1), charts.count)
+        for product in (u * u, u * v, v * v, u * length, v * length)
+    )
+    determinant = uu * vv - uv * uv
+    solved = determinant > 1e-9 * uu * vv
+    safe = np.where(solved, determinant, 1.0)
+    scales = np.stack([(vv * ul - uv * vl) / safe, (uu * vl - uv * ul) / safe], axis=1)
+    scales = np.where(solved[:, None], np.sqrt(np.maximum(scales, 0.0)), 1.0)
+    low, high = (np.full((charts.count, 2), infinity) for infinity in (np.inf, -np.inf))
+    np.minimum.at(low, of_face, uvs.min(axis=1))
+    np.maximum.at(high, of_face, uvs.max(axis=1))
+    texels = np.maximum(np.rint(high - low), 1.0)
+    scales = np.clip(scales, np.maximum(1 - 1 / texels, 1e-6), 1.0)
+    result: Float64Array = np.zeros_like(charts.uvs)
+    result[charts.placed] = (uvs - low[of_face][:, None]) * (scales / density)[of_face][:, None]
+    return Charts(result, charts.chart)
 
 
 def new_xatlas() -> Any:
