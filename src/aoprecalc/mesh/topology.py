@@ -106,16 +106,34 @@ def boundary_edges(corners: Int32Array) -> BoolArray:
     return single
 
 
+def adjacent_half_edges(corners: Int32Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return pairs of sides of faces that are one edge, (p,) each: 3 * face + the corner from which the side runs.
+
+    corners   (f, 3) vertex indices; of more than two faces at an edge, each is paired with the next
+    """
+    edges = edge_ids(corners).ravel()
+    order = np.argsort(edges, kind="stable")
+    shared = edges[order[1:]] == edges[order[:-1]]
+    return order[:-1][shared], order[1:][shared]
+
+
+def joined_faces(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> Int32Array:
+    """Label `count` faces, (f,) int32 from 0: equal where pairs of them, (p,) each, join them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(one), np.int8), (one, other)), (count, count))
+    labels: Int32Array = connected_components(graph, directed=False)[1].astype(np.int32)
+    return labels
+
+
 def neighbours_in_a_row(triangles: Int32Array) -> NDArray[np.intp]:
     """Return an order of the triangles, (t,), that walks from each to a neighbour as far as it can (depth first)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components, depth_first_order
 
     count = len(triangles)
-    edges = edge_ids(triangles).reshape(-1)
-    order = np.argsort(edges, kind="stable")
-    shared = edges[order[1:]] == edges[order[:-1]]
-    one, other = order[:-1][shared] // 3, order[1:][shared] // 3
+    one, other = (half_edge // 3 for half_edge in adjacent_half_edges(triangles))
     _, island = connected_components(coo_array((np.ones(len(one)), (one, other)), (count, count)), directed=False)
     starts = np.unique(island, return_index=True)[1]  # all islands hang on one more node, from which the walk starts
     rows, columns = np.concatenate([one, np.full(len(starts), count)]), np.concatenate([other, starts])

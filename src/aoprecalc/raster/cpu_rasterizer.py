@@ -103,13 +103,7 @@ class CPURasterizer:
 
     def _counts(self, row: int, rows: int) -> NDArray[np.int32]:
         """Return the number of triangles over the centre of each texel of a band, (rows * width,)."""
-        width = self.layout.width
-        changes = np.zeros(rows * width + 1, np.int32)
-        for _, first, length in triangle_spans(snap_to_grid(self.layout.triangles, CENTER), width, row, rows):
-            # Measured: ten times faster than with a plain 1, whose type is not that of the array.
-            np.add.at(changes, first, np.int32(1))
-            np.subtract.at(changes, first + length, np.int32(1))
-        return np.cumsum(changes[:-1], dtype=np.int32)
+        return _count_triangles(snap_to_grid(self.layout.triangles, CENTER), self.layout.width, row, rows)
 
     def _draw(self, corners: Int64Array, row: int, rows: int, sample_at: tuple[float, float]) -> Int64Array:
         """Return the key of what is visible at each texel of a band, (rows * width,) int64; the least is in front.
@@ -259,6 +253,27 @@ def triangle_spans(
         left, right = (np.clip(pick(first, second), 0, width) for pick in (np.minimum, np.maximum))
         some = np.flatnonzero(right > left)
         yield triangle[some], ((line - row) * width + left)[some], (right - left)[some]
+
+
+def _count_triangles(corners: Int64Array, width: int, row: int, rows: int) -> NDArray[np.int32]:
+    """Return the number of triangles over the centre of each texel of a band, (rows * width,)."""
+    changes = np.zeros(rows * width + 1, np.int32)
+    for _, first, length in triangle_spans(corners, width, row, rows):
+        # Measured: ten times faster than with a plain 1, whose type is not that of the array.
+        np.add.at(changes, first, np.int32(1))
+        np.subtract.at(changes, first + length, np.int32(1))
+    return np.cumsum(changes[:-1], dtype=np.int32)
+
+
+def overlapping_triangles(triangles: Float32Array, width: int, height: int) -> BoolArray:
+    """Return which triangles, (m, 3, 2) in texels, share the centre of a texel with another one, (m,) bool."""
+    corners, overlapping = snap_to_grid(triangles, CENTER), np.zeros(len(triangles), bool)
+    for row, rows in row_bands(width, height):
+        twice = np.concatenate([[0], np.cumsum(_count_triangles(corners, width, row, rows) > 1)])
+        if twice[-1]:
+            for triangle, first, length in triangle_spans(corners, width, row, rows):
+                overlapping[triangle[twice[first + length] > twice[first]]] = True
+    return overlapping
 
 
 def edge_texels(

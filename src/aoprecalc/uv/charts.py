@@ -1,4 +1,7 @@
-"""Charts: a surface cut into pieces, each flattened by itself (xatlas, uvunwrap); `pack.py` arranges them in a page."""
+"""Charts: a surface cut into pieces, each flattened by itself; `pack.py` arranges them in a page.
+
+xatlas or uvunwrap cut. Faces that they leave out, and charts that prove faulty, are cut into planar charts here.
+"""
 
 import time
 from dataclasses import dataclass
@@ -7,11 +10,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.topology import unique_rows
+from aoprecalc.mesh.surface import area_vectors, face_normals
+from aoprecalc.mesh.topology import adjacent_half_edges, edge_ids, joined_faces, unique_rows
 from aoprecalc.subprocesses import FIRST_STEP, POLL_SECONDS, report_step
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 Unwrapper = Literal["xatlas", "uvunwrap"]
+Fineness = Literal["coarse", "fine", "planar", "faces"]
+FINER: tuple[Fineness, ...] = ("fine", "planar", "faces")  # what faulty charts are cut into, one after the other
 
 _ATLASES: list[Any] = []  # every xatlas.Atlas that was made
 
@@ -20,6 +26,12 @@ _ATLASES: list[Any] = []  # every xatlas.Atlas that was made
 _MIN_AREA = 2.0**-20
 _SCALES = 2.0**7, 2.0**20
 
+# Options for charts that are smaller and stretch less than those of the defaults.
+_FINE_XATLAS = {"max_cost": 0.5}
+_FINE_UVUNWRAP = {"max_chart_angle": 35.0, "max_area_distortion": 1.5}
+
+_MAX_TILT = np.cos(np.radians(25.0))  # between the faces of a planar chart and its plane: it shrinks none below 0.9
+
 
 @dataclass(frozen=True, eq=False)
 class Charts:
@@ -27,6 +39,7 @@ class Charts:
 
     uvs    (f, 3, 2) float64 at the corners of the faces, in the positions' unit of length; (0, 0) in no chart
     chart  (f,) int32: the index of each face's chart, counted from 0; -1 where it is in none, as it has no area
+    Each chart is connected by edges, and its area is that of its faces.
     """
 
     uvs: Float64Array
@@ -50,63 +63,118 @@ class Charts:
         return uvs[first], chart[first], inverse.astype(np.int32).reshape(-1, 3)
 
 
-def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array) -> Charts:
-    """Cut a mesh into charts and flatten them.
+def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array, fineness: Fineness = "coarse") -> Charts:
+    """Cut a mesh into charts and flatten them; every face with area gets a place.
 
     positions   (v, 3), about one unit across, as both unwrappers compare lengths with constants
     faces       (f, 3) indices into them
+    fineness    coarse: as the unwrapper does; fine: charts that are smaller and stretch less; planar: plane projections
+                of neighbours that are nearly coplanar; faces: each by itself
     Raises ValueError where the unwrapper fails.
     """
-    return _METHODS[method](positions, faces)
+    corners = positions[faces]
+    with_area = face_normals(corners)[1]
+    uvs: Float64Array = np.zeros((len(faces), 3, 2))
+    chart: Int32Array = np.full(len(faces), -1, np.int32)
+    if fineness in ("coarse", "fine"):
+        uvs, chart = _METHODS[method](positions, faces, fineness == "fine")
+    lost = np.flatnonzero(with_area & (chart < 0))
+    if len(lost):
+        flat, group = _project(corners[lost], faces[lost], whole=fineness != "faces")
+        uvs[lost], chart[lost] = flat, group + chart.max() + 1
+    return _finished(uvs, chart, corners)
 
 
-def _cut_with_xatlas(positions: Float64Array, faces: Int32Array) -> Charts:
+def cut_again(
+    charts: Charts, faulty: BoolArray, method: Unwrapper, positions: Float64Array, faces: Int32Array, fineness: Fineness
+) -> Charts:
+    """Return the charts with those that are faulty, (n,) bool, cut again; see `make_charts`."""
+    chosen = np.append(faulty, False)[charts.chart]  # chart -1 reads the appended False
+    used, corners = np.unique(faces[chosen], return_inverse=True)
+    size = np.ptp(positions[used], axis=0).max()
+    unit = (positions[used] - positions[used].min(axis=0)) / size
+    again = make_charts(method, unit, corners.astype(np.int32).reshape(-1, 3), fineness)
+    uvs, chart = charts.uvs.copy(), charts.chart.copy()
+    uvs[chosen], chart[chosen] = again.uvs, np.where(again.placed, again.chart + charts.count, -1)
+    return _finished(uvs, chart, positions[faces])
+
+
+def _finished(uvs: Float64Array, chart: Int32Array, corners: Float64Array) -> Charts:
+    """Return charts that keep what `Charts` promises, from such that may lie apart, in any scale and numbering."""
+    placed = chart >= 0
+    charts = Charts(uvs, chart)
+    vertices = charts.vertices()[2]
+    one, other = (half_edge // 3 for half_edge in adjacent_half_edges(vertices))
+    piece = joined_faces(len(vertices), one, other)
+    count = int(piece.max()) + 1
+    sides, others = (uvs[placed, corner] - uvs[placed, 0] for corner in (1, 2))
+    flat = np.abs(sides[:, 0] * others[:, 1] - sides[:, 1] * others[:, 0])
+    surface = np.linalg.norm(area_vectors(corners[placed]), axis=1)
+    flat, surface = (np.bincount(piece, areas, count) for areas in (flat, surface))
+    scale = np.sqrt(surface / np.where(flat > 0, flat, np.inf))
+    low: Float64Array = np.full((count, 2), np.inf)
+    np.minimum.at(low, piece, uvs[placed].min(axis=1))
+    result, pieces = np.zeros_like(uvs), np.full_like(chart, -1)
+    result[placed] = (uvs[placed] - low[piece][:, None]) * scale[piece][:, None, None]
+    pieces[placed] = piece
+    return Charts(result, pieces)
+
+
+# The unwrappers: (f, 3, 2) UVs, and (f,) the chart of each face or -1.
+
+
+def _cut_with_xatlas(positions: Float64Array, faces: Int32Array, fine: bool) -> tuple[Float64Array, Int32Array]:
+    import xatlas
+
     report_step("charts")
+    options = xatlas.ChartOptions()
+    for name, value in _FINE_XATLAS.items() if fine else ():
+        setattr(options, name, value)
     scale = _scale_for_xatlas(positions[faces])
     atlas = new_xatlas()
     atlas.add_mesh((positions * scale).astype(np.float32), faces.astype(np.uint32))
-    atlas.generate()
-    _, corners, uvs = atlas.get_mesh(0)
-    _, chart = atlas.get_mesh_vertex_assignment(0)
-    charts = _from_vertices(uvs.astype(np.float64) * (atlas.width, atlas.height), corners, chart.astype(np.int32))
-    return _undo_rounding(charts, positions[faces], atlas.texels_per_unit * scale)
+    atlas.generate(options)
+    _, vertices, uvs = atlas.get_mesh(0)
+    _, of_vertex = atlas.get_mesh_vertex_assignment(0)
+    flat, chart = _at_corners(
+        uvs.astype(np.float64) * (atlas.width, atlas.height), vertices, of_vertex.astype(np.int32)
+    )
+    return _undo_rounding(flat, chart, positions[faces] * (atlas.texels_per_unit * scale)), chart
 
 
 def _scale_for_xatlas(corners: Float64Array) -> float:
     """Return the power of two by which (f, 3, 3) corners are enlarged."""
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    areas = np.linalg.norm(area_vectors(corners), axis=1) / 2
     smallest = areas[areas > 0].min(initial=1.0)
     return float(np.clip(2.0 ** np.ceil(np.log2(_MIN_AREA / smallest) / 2), *_SCALES))
 
 
-def _undo_rounding(charts: Charts, surface: Float64Array, density: float) -> Charts:
-    """Return charts, whose UVs xatlas gave in texels, in the unit of length of the corners of their faces, (f, 3, 3).
+def _undo_rounding(uvs: Float64Array, chart: Int32Array, corners: Float64Array) -> Float64Array:
+    """Return (f, 3, 2) UVs in texels without the stretch that xatlas gives each chart along both axes.
 
-    density   texels per unit of length
-    xatlas stretches each chart along both axes to whole texels, which makes thin ones much wider. That is undone by the
-    two scales a, b within its reach for which (a du)^2 + (b dv)^2 is nearest to the squared length of each edge.
+    corners  (f, 3, 3) corners of the faces, in the same scale
+    It makes charts a whole number of texels wide and high, so thin ones much wider. The two scales a, b of a chart are
+    those within its reach for which (a du)^2 + (b dv)^2 is nearest to the squared length of each edge.
     """
-    of_face = charts.chart[charts.placed]
-    uvs, corners = charts.uvs[charts.placed], surface[charts.placed] * density
-    squared, lengths = ((np.roll(points, -1, axis=1) - points) ** 2 for points in (uvs, corners))
+    placed, count = chart >= 0, int(chart.max(initial=-1)) + 1
+    of_face, flat = chart[placed], uvs[placed]
+    squared, lengths = ((np.roll(points, -1, axis=1) - points) ** 2 for points in (flat, corners[placed]))
     u, v, length = squared[..., 0], squared[..., 1], lengths.sum(axis=2)
     uu, uv, vv, ul, vl = (
-        np.bincount(of_face, product.sum(axis=1), charts.count)
-        for product in (u * u, u * v, v * v, u * length, v * length)
+        np.bincount(of_face, product.sum(axis=1), count) for product in (u * u, u * v, v * v, u * length, v * length)
     )
     determinant = uu * vv - uv * uv
     solved = determinant > 1e-9 * uu * vv
     safe = np.where(solved, determinant, 1.0)
     scales = np.stack([(vv * ul - uv * vl) / safe, (uu * vl - uv * ul) / safe], axis=1)
     scales = np.where(solved[:, None], np.sqrt(np.maximum(scales, 0.0)), 1.0)
-    low, high = (np.full((charts.count, 2), infinity) for infinity in (np.inf, -np.inf))
-    np.minimum.at(low, of_face, uvs.min(axis=1))
-    np.maximum.at(high, of_face, uvs.max(axis=1))
+    low, high = (np.full((count, 2), infinity) for infinity in (np.inf, -np.inf))
+    np.minimum.at(low, of_face, flat.min(axis=1))
+    np.maximum.at(high, of_face, flat.max(axis=1))
     texels = np.maximum(np.rint(high - low), 1.0)
-    scales = np.clip(scales, np.maximum(1 - 1 / texels, 1e-6), 1.0)
-    result: Float64Array = np.zeros_like(charts.uvs)
-    result[charts.placed] = (uvs - low[of_face][:, None]) * (scales / density)[of_face][:, None]
-    return Charts(result, charts.chart)
+    result = uvs.copy()
+    result[placed] *= np.clip(scales, np.maximum(1 - 1 / texels, 1e-6), 1.0)[of_face][:, None]
+    return result
 
 
 def new_xatlas() -> Any:
@@ -120,14 +188,14 @@ def new_xatlas() -> Any:
     return _ATLASES[-1]
 
 
-def _cut_with_uvunwrap(positions: Float64Array, faces: Int32Array) -> Charts:
+def _cut_with_uvunwrap(positions: Float64Array, faces: Int32Array, fine: bool) -> tuple[Float64Array, Int32Array]:
     import uvunwrap
 
     mesh = uvunwrap.Mesh(positions.astype(np.float32), faces.astype(np.uint32))
-    atlas = run_uvunwrap(mesh, packing="fast")
+    atlas = run_uvunwrap(mesh, packing="fast", **(_FINE_UVUNWRAP if fine else {}))
     page = atlas.meshes[0]
-    flat = np.array(page.uv, np.float64).reshape(-1, 2) * (atlas.width, atlas.height) / atlas.texels_per_unit
-    return _from_vertices(flat, np.array(page.indices).reshape(-1, 3), np.array(page.chart, np.int32))
+    flat = np.array(page.uv, np.float64).reshape(-1, 2) * (atlas.width, atlas.height)
+    return _at_corners(flat, np.array(page.indices).reshape(-1, 3), np.array(page.chart, np.int32))
 
 
 def run_uvunwrap(mesh: Any, **options: Any) -> Any:
@@ -156,16 +224,67 @@ def _describe(progress: Any) -> str:
     return f"{progress.stage}, {count}"
 
 
-def _from_vertices(flat: Float64Array, corners: NDArray[np.integer], chart: Int32Array) -> Charts:
-    """Make charts of flat vertices, (v, 2), the vertices of each face, (f, 3), and each vertex's chart, (v,), or -1."""
-    placed = (chart[corners] >= 0).all(axis=1)
-    if not placed.any():
-        raise ValueError("every face is too thin for it; use a mesh without slivers")
-    of_face: Int32Array = np.full(len(corners), -1, np.int32)
-    of_face[placed] = np.unique(chart[corners[placed, 0]], return_inverse=True)[1]
-    uvs: Float64Array = np.zeros((len(corners), 3, 2))
-    uvs[placed] = flat[corners[placed]]
-    return Charts(uvs, of_face)
+def _at_corners(
+    flat: Float64Array, vertices: NDArray[np.integer], of_vertex: Int32Array
+) -> tuple[Float64Array, Int32Array]:
+    """Return UVs (f, 3, 2) and charts (f,) of faces from those of vertices, (v, 2) and (v,) or -1."""
+    placed = (of_vertex[vertices] >= 0).all(axis=1)
+    uvs: Float64Array = np.where(placed[:, None, None], flat[vertices], 0.0)
+    chart: Int32Array = np.where(placed, of_vertex[vertices[:, 0]], -1).astype(np.int32)
+    return uvs, chart
 
 
 _METHODS = {"xatlas": _cut_with_xatlas, "uvunwrap": _cut_with_uvunwrap}
+
+
+# Planar charts.
+
+
+def _project(corners: Float64Array, vertices: Int32Array, *, whole: bool) -> tuple[Float64Array, Int32Array]:
+    """Project faces with area, (f, 3, 3), onto planes: (f, 3, 2) UVs in the corners' unit, and (f,) groups from 0.
+
+    vertices   (f, 3) indices of the corners' positions
+    whole      group neighbours that are nearly coplanar; else each face is projected by itself
+    """
+    normals = face_normals(corners)[0]
+    group, seeds = _coplanar_groups(corners, vertices, normals) if whole else (np.arange(len(corners)),) * 2
+    sides = np.roll(corners[seeds], -1, axis=1) - corners[seeds]
+    longest = np.linalg.norm(sides, axis=2).argmax(axis=1)
+    across = sides[np.arange(len(seeds)), longest]
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    axes = np.stack([across, np.cross(normals[seeds], across)], axis=1)
+    from_seed = corners - corners[seeds[group], :1]
+    uvs: Float64Array = np.einsum("fcx,fax->fca", from_seed, axes[group])
+    return uvs, group.astype(np.int32)
+
+
+def _coplanar_groups(
+    corners: Float64Array, vertices: Int32Array, normals: Float64Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Group faces: (f,) groups from 0, and the seed of each, the face from which it grew, the largest first.
+
+    A group grows over edges at which exactly two faces meet whose windings agree, to faces that are nearly parallel to
+    its seed, so that its projection onto the seed's plane does not fold.
+    """
+    one, other = adjacent_half_edges(vertices)
+    edges = edge_ids(vertices).ravel()
+    agreeing = (np.bincount(edges)[edges[one]] == 2) & (vertices.ravel()[one] != vertices.ravel()[other])
+    neighbours: list[list[int]] = [[] for _ in vertices]
+    for left, right in zip((one[agreeing] // 3).tolist(), (other[agreeing] // 3).tolist(), strict=True):
+        neighbours[left].append(right)
+        neighbours[right].append(left)
+    group, directions = [-1] * len(vertices), normals.tolist()
+    seeds: list[int] = []
+    for seed in np.argsort(-np.linalg.norm(area_vectors(corners), axis=1), kind="stable").tolist():
+        if group[seed] >= 0:
+            continue
+        x, y, z = directions[seed]
+        waiting = [seed]
+        while waiting:
+            face = waiting.pop()
+            u, v, w = directions[face]
+            if group[face] < 0 and u * x + v * y + w * z >= _MAX_TILT:
+                group[face] = len(seeds)
+                waiting += neighbours[face]
+        seeds.append(seed)
+    return np.array(group, np.intp), np.array(seeds, np.intp)

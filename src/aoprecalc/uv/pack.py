@@ -27,6 +27,10 @@ _MANY_CHARTS = 1500  # above this its fast packer: the better one would take lon
 _MAX_DENSITIES = 8
 _DENSITY_STEP = 0.85  # of the density that needed more pages
 
+_MIN_WIDTH = 2.0**-7  # of a chart's length, for packers
+
+_Places = tuple[float, Int32Array, Float64Array]  # texels per unit of length, vertices, their positions in texels
+
 
 @dataclass(frozen=True, eq=False)
 class Packed:
@@ -50,16 +54,43 @@ def pack_charts(charts: Charts, size: int, padding: int, packer: Unwrapper) -> P
     area, perimeter = area_and_perimeter(flat[corners], corners)
     gutter = choose_gutter(area, perimeter, size, padding)
     scale = fitting_scale(area, perimeter, size, gutter)
-    places = _PACKERS[packer](flat, chart, corners, scale, size, gutter)
+    wide = _widen(flat, chart)
+    scale, placed, positions = _PACKERS[packer](wide, chart, corners, scale, size, gutter)
+    places = _move(flat * scale, wide * scale, chart, placed, positions)
     uvs: Float64Array = np.zeros_like(charts.uvs)
     uvs[charts.placed] = places[corners] / size
     return Packed(uvs, gutter)
 
 
+def _widen(flat: Float64Array, chart: Int32Array) -> Float64Array:
+    """Return vertices, (v, 2), with thin charts made wider, as packers leave out what is too thin for them.
+
+    Those less than _MIN_WIDTH of their length wide are stretched across it.
+    """
+    count = int(chart.max()) + 1
+    number = np.bincount(chart, minlength=count)
+    means = _sums(flat, chart, count) / number[:, None]
+    local = flat - means[chart]
+    moments = _sums((local[:, :, None] * local[:, None, :]).reshape(-1, 4), chart, count).reshape(-1, 2, 2)
+    axes = np.linalg.eigh(moments)[1]  # columns: across, along
+    local = np.einsum("vx,vxa->va", local, axes[chart])
+    reach: Float64Array = np.zeros((count, 2))
+    np.maximum.at(reach, chart, np.abs(local))
+    across, along = np.maximum(reach, np.finfo(float).tiny).T
+    local[:, 0] *= np.maximum(_MIN_WIDTH * along / across, 1.0)[chart]
+    widened: Float64Array = np.einsum("va,vxa->vx", local, axes[chart]) + means[chart]
+    return widened
+
+
+def _sums(values: Float64Array, chart: Int32Array, count: int) -> Float64Array:
+    """Sum the rows of (v, c) values over each chart, (count, c)."""
+    return np.stack([np.bincount(chart, column, count) for column in values.T], axis=1)
+
+
 def _pack_with_xatlas(
     flat: Float64Array, chart: Int32Array, corners: Int32Array, scale: float, size: int, gutter: int
-) -> Float64Array:
-    """Return (v, 2) positions in texels of flat vertices, (v, 2), at about the greatest scale that fits one page.
+) -> _Places:
+    """Pack flat vertices, (v, 2), at about the greatest scale that fits one page.
 
     chart    (v,) the chart of each vertex
     corners  (p, 3) the vertices of each face
@@ -82,7 +113,8 @@ def _pack_with_xatlas(
         page.generate(pack_options=options)
         if page.atlas_count == 1 and max(page.width, page.height) <= size - 2 * border:
             mapping, _, uvs = page.get_mesh(0)
-            fits, best = relative, (mapping, uvs.astype(np.float64) * (page.width, page.height) + border)
+            best = mapping, uvs.astype(np.float64) * (page.width, page.height) + border
+            fits = relative
         else:
             too_large = relative
             step = step if fits else step * step
@@ -91,38 +123,13 @@ def _pack_with_xatlas(
         relative = too_large / step if not fits else fits * step if np.isinf(too_large) else (fits + too_large) / 2
     if best is None:
         raise ValueError(f"its charts did not fit {size} x {size} texels with gutters of {gutter}; use a larger --size")
-    return _undo_stretch(flat * (scale * fits), chart, *best)
-
-
-def _undo_stretch(flat: Float64Array, chart: Int32Array, mapping: Int32Array, placed: Float64Array) -> Float64Array:
-    """Return (v, 2) positions of all vertices where the packer put their charts, at the scale that was asked for.
-
-    xatlas stretches charts to whole texels, which makes thin ones much wider, and leaves out vertices of faces without
-    area. So each chart is turned (or mirrored) as it was, about the mean of its vertices.
-
-    flat     (v, 2) the vertices as they were given; chart: (v,) their charts
-    mapping  (p,) the vertices that were placed; placed: (p, 2) where
-    """
-    count = int(chart.max()) + 1
-    of_placed = chart[mapping]
-    number = np.maximum(np.bincount(of_placed, minlength=count), 1)[:, None]
-
-    def sums(values: Float64Array) -> Float64Array:
-        columns = [np.bincount(of_placed, column, count) for column in values.T]
-        return np.stack(columns, axis=1)
-
-    before, after = sums(flat[mapping]) / number, sums(placed) / number
-    source, target = flat[mapping] - before[of_placed], placed - after[of_placed]
-    products = sums((source[:, :, None] * target[:, None, :]).reshape(-1, 4)).reshape(-1, 2, 2)
-    left, _, right = np.linalg.svd(products)  # the nearest rotation or mirroring (Procrustes)
-    turned: Float64Array = np.einsum("vx,vxy->vy", flat - before[chart], (left @ right)[chart]) + after[chart]
-    return turned
+    return scale * fits, *best
 
 
 def _pack_with_uvunwrap(
     flat: Float64Array, chart: Int32Array, corners: Int32Array, scale: float, size: int, gutter: int
-) -> Float64Array:
-    """Return (v, 2) positions in texels; see `_pack_with_xatlas`."""
+) -> _Places:
+    """Do as `_pack_with_xatlas` does."""
     import uvunwrap
 
     packing: Literal["shape", "fast"] = "fast" if int(chart.max()) >= _MANY_CHARTS else "shape"
@@ -146,7 +153,28 @@ def _pack_with_uvunwrap(
     page = atlas.meshes[0]
     uvs = np.array(page.uv, np.float64).reshape(-1, 2) * (atlas.width, atlas.height)
     used = np.array(page.page) == 0
-    return _undo_stretch(flat * (atlas.texels_per_unit / unit), chart, np.array(page.xref)[used], uvs[used])
+    return atlas.texels_per_unit / unit, np.array(page.xref)[used], uvs[used]
+
+
+def _move(
+    flat: Float64Array, wide: Float64Array, chart: Int32Array, placed: Int32Array, positions: Float64Array
+) -> Float64Array:
+    """Return (v, 2) positions of all vertices, each chart turned or mirrored to where the packer put it.
+
+    flat, wide   (v, 2) in texels: as they are, and as the packer had them; chart: (v,) their charts
+    placed       (p,) the vertices that the packer placed, and where: positions (p, 2)
+    xatlas stretches charts to whole texels, which makes thin ones much wider, and leaves out vertices of faces without
+    area. So only the nearest rotation or mirroring (Procrustes) is used, about the mean of the vertices.
+    """
+    count = int(chart.max()) + 1
+    of_placed = chart[placed]
+    number = np.maximum(np.bincount(of_placed, minlength=count), 1)[:, None]
+    before, after = (_sums(points, of_placed, count) / number for points in (wide[placed], positions))
+    source, target = wide[placed] - before[of_placed], positions - after[of_placed]
+    products = _sums((source[:, :, None] * target[:, None, :]).reshape(-1, 4), of_placed, count)
+    left, _, right = np.linalg.svd(products.reshape(-1, 2, 2))
+    moved: Float64Array = np.einsum("vx,vxy->vy", flat - before[chart], (left @ right)[chart]) + after[chart]
+    return moved
 
 
 _PACKERS = {"xatlas": _pack_with_xatlas, "uvunwrap": _pack_with_uvunwrap}

@@ -16,17 +16,57 @@ from typing import Any, NoReturn, cast
 
 import numpy as np
 
-from aoprecalc.subprocesses import end_with_parent
-from aoprecalc.types import Float64Array, Int32Array
-from aoprecalc.uv.charts import Unwrapper, make_charts
-from aoprecalc.uv.pack import pack_charts
+from aoprecalc.errors import counted
+from aoprecalc.mesh.surface import area_vectors
+from aoprecalc.raster.cpu_rasterizer import overlapping_triangles
+from aoprecalc.subprocesses import end_with_parent, report_step
+from aoprecalc.types import BoolArray, Float64Array, Int32Array
+from aoprecalc.uv.charts import FINER, Unwrapper, cut_again, make_charts
+from aoprecalc.uv.pack import doubled_uv_areas, pack_charts
+
+_MAX_RATIO = 2.0  # between a chart's share of the texture and its share of the surface
+_TINY = 1e-4  # square texels that do not matter
 
 
 def unwrap(method: Unwrapper, positions: Float64Array, faces: Int32Array, size: int, padding: int) -> dict[str, Any]:
-    """Cut into charts, flatten them, and pack them into exactly one page of size x size texels."""
+    """Cut into charts, flatten them, and pack them into exactly one page of size x size texels.
+
+    Charts that are faulty when they are packed, whoever cut and packed them, are cut into smaller ones.
+    """
     charts = make_charts(method, positions, faces)
     packed = pack_charts(charts, size, padding, method)
+    surface = np.linalg.norm(area_vectors(positions[faces]), axis=1) / 2
+    for fineness in FINER:
+        faulty = faulty_charts(packed.uvs, charts.chart, surface, size)
+        if not faulty.any():
+            break
+        report_step(f"cutting {counted(np.count_nonzero(faulty), 'chart')} again")
+        charts = cut_again(charts, faulty, method, positions, faces, fineness)
+        packed = pack_charts(charts, size, padding, method)
     return {"uvs": packed.uvs, "placed": charts.placed, "charts": charts.count, "gutter": packed.gutter}
+
+
+def faulty_charts(uvs: Float64Array, chart: Int32Array, surface: Float64Array, size: int) -> BoolArray:
+    """Return which charts are blown up or shrunk, fold, or lie over others, (n,) bool.
+
+    uvs       (f, 3, 2) in [0, 1]
+    chart     (f,) the chart of each face, -1 for none
+    surface   (f,) the area of each face
+    A chart's share of the texture must be that of the surface within a factor of _MAX_RATIO, but for charts far smaller
+    than a texel, and no texel's centre may lie inside two faces.
+    """
+    placed = np.flatnonzero(chart >= 0)
+    of_face, count = chart[placed], int(chart.max()) + 1
+    texels = np.bincount(of_face, doubled_uv_areas(uvs[placed]) / 2, count) * size**2
+    wanted = np.bincount(of_face, surface[placed], count)
+    density = texels / wanted
+    order = np.argsort(density)
+    cumulative = np.cumsum(wanted[order])
+    wanted *= density[order[np.searchsorted(cumulative, cumulative[-1] / 2)]]  # the median, which few faulty ones move
+    faulty: BoolArray = (texels > _MAX_RATIO * wanted + _TINY) | (texels < wanted / _MAX_RATIO - _TINY)
+    triangles = (uvs[placed] * (size, -size) + (0.0, size)).astype(np.float32)
+    faulty[of_face[overlapping_triangles(triangles, size, size)]] = True
+    return faulty
 
 
 def main(method: str) -> NoReturn:
