@@ -189,3 +189,29 @@ def notch(opening, length, sections=24):
     return np.concatenate([end - half, end + half]), np.concatenate(
         [sides.reshape(-1, 3), fans, fans[:, [0, 2, 1]] + count]
     )
+
+
+def helicopter():
+    """A toy of 2 units: a hull, and rotors of thin blades."""
+    turn = 2 * np.pi * np.arange(5) / 5
+    blade, cells = box((0.05, -0.02, 0.5), (1.0, 0.02, 0.502)), np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    parts = [(0.3 * ball(2)[0], ball(2)[1]), box((-1.2, -0.03, -0.03), (-0.2, 0.03, 0.03))]
+    for cos, sin in cells:
+        spin = np.array([(cos, sin, 0), (-sin, cos, 0), (0, 0, 1)])
+        parts.append((blade[0] @ spin, blade[1]))
+        parts.append((0.15 * (blade[0] @ spin)[:, [0, 2, 1]] - (1.2, 0, 0), blade[1][:, ::-1]))
+    return join(*parts)
+
+
+def city(seed=0, boxes=300, sky=170.0):
+    """A scene of three parts: boxes of 0.5 to 4 units on a plain, a toy helicopter, and the box of the sky."""
+    rng = np.random.default_rng(seed)
+    houses = []
+    for x, y in rng.uniform(-60, 60, (boxes, 2)):
+        size = rng.uniform(0.5, 4, 3)
+        houses.append(box((x, y, 0), (x + size[0], y + size[1], size[2])))
+    positions, faces = helicopter()
+    inwards = box((-sky / 2, -sky / 2, -sky / 2), (sky / 2, sky / 2, sky / 2))
+    made = scene_of_parts(join(*houses), (positions + (0, 0, 8), faces), (inwards[0], inwards[1][:, ::-1]))
+    names = "houses", "helicopter", "sky"
+    return replace(made, parts=tuple(replace(part, name=name) for part, name in zip(made.parts, names, strict=True)))

@@ -129,12 +129,12 @@ def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
 
 
 def test_the_gutter_shrinks_with_the_room_and_never_below_two():
-    assert choose_gutter(area=1.0, perimeter=4.0, size=1024, padding=8) == 16
+    assert choose_gutter(charts=1, area=1.0, perimeter=4.0, size=1024, padding=8) == 16
     outlines = [4.0, 40.0, 100.0, 400.0, 4000.0]
-    gutters = [choose_gutter(1.0, outline, 1024, 8) for outline in outlines]
+    gutters = [choose_gutter(1, 1.0, outline, 1024, 8) for outline in outlines]
     assert gutters == sorted(gutters, reverse=True)
     assert gutters[-1] == 2
-    assert choose_gutter(1.0, 4.0, 1024, 0) == 2
+    assert choose_gutter(1, 1.0, 4.0, 1024, 0) == 2
 
 
 def test_eight_texels_of_padding_are_right_to_level_two():

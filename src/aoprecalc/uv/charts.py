@@ -19,6 +19,10 @@ Unwrapper = Literal["xatlas", "uvunwrap"]
 Fineness = Literal["coarse", "fine", "planar", "faces"]
 FINER: tuple[Fineness, ...] = ("fine", "planar", "faces")  # what faulty charts are cut into, one after the other
 
+MAX_RATIO = 2.0  # between a chart's share of the texture and its share of the surface
+
+_COLLAPSED = 1e-4  # of its share of its chart: a face that is smaller needs another place
+
 _ATLASES: list[Any] = []  # every xatlas.Atlas that was made
 
 # xatlas leaves out faces whose area is below FLT_EPSILON, whatever the size of the mesh: meshes about one unit across
@@ -78,6 +82,7 @@ def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array, f
     chart: Int32Array = np.full(len(faces), -1, np.int32)
     if fineness in ("coarse", "fine"):
         uvs, chart = _METHODS[method](positions, faces, fineness == "fine")
+        chart[_misplaced(uvs, chart, corners)] = -1
     lost = np.flatnonzero(with_area & (chart < 0))
     if len(lost):
         flat, group = _project(corners[lost], faces[lost], whole=fineness != "faces")
@@ -99,6 +104,17 @@ def cut_again(
     return _finished(uvs, chart, positions[faces])
 
 
+def _misplaced(uvs: Float64Array, chart: Int32Array, corners: Float64Array) -> BoolArray:
+    """Return the faces, (f,) bool, that an unwrapper put into charts out of scale, or that it collapsed."""
+    flat, surface = doubled_uv_areas(uvs), np.linalg.norm(area_vectors(corners), axis=1)
+    areas, wanted = sum_over_charts(chart, flat), sum_over_charts(chart, surface)
+    if not areas.any():
+        return chart >= 0
+    misplaced: BoolArray = np.append(out_of_scale(areas, wanted), False)[chart]  # chart -1 reads the appended False
+    misplaced |= flat * wanted[chart] < _COLLAPSED * surface * areas[chart]
+    return misplaced
+
+
 def _finished(uvs: Float64Array, chart: Int32Array, corners: Float64Array) -> Charts:
     """Return charts that keep what `Charts` promises, from such that may lie apart, in any scale and numbering."""
     placed = chart >= 0
@@ -106,18 +122,42 @@ def _finished(uvs: Float64Array, chart: Int32Array, corners: Float64Array) -> Ch
     vertices = charts.vertices()[2]
     one, other = (half_edge // 3 for half_edge in adjacent_half_edges(vertices))
     piece = joined_faces(len(vertices), one, other)
-    count = int(piece.max()) + 1
-    sides, others = (uvs[placed, corner] - uvs[placed, 0] for corner in (1, 2))
-    flat = np.abs(sides[:, 0] * others[:, 1] - sides[:, 1] * others[:, 0])
-    surface = np.linalg.norm(area_vectors(corners[placed]), axis=1)
-    flat, surface = (np.bincount(piece, areas, count) for areas in (flat, surface))
+    flat = sum_over_charts(piece, doubled_uv_areas(uvs[placed]))
+    surface = sum_over_charts(piece, np.linalg.norm(area_vectors(corners[placed]), axis=1))
     scale = np.sqrt(surface / np.where(flat > 0, flat, np.inf))
-    low: Float64Array = np.full((count, 2), np.inf)
+    low: Float64Array = np.full((len(scale), 2), np.inf)
     np.minimum.at(low, piece, uvs[placed].min(axis=1))
     result, pieces = np.zeros_like(uvs), np.full_like(chart, -1)
     result[placed] = (uvs[placed] - low[piece][:, None]) * scale[piece][:, None, None]
     pieces[placed] = piece
     return Charts(result, pieces)
+
+
+def doubled_uv_areas(uvs: Float64Array) -> Float64Array:
+    """Return twice the area of each of (f, 3, 2) triangles, (f,)."""
+    side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
+    areas: Float64Array = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])
+    return areas
+
+
+def out_of_scale(areas: Float64Array, surface: Float64Array, negligible: float = 0.0) -> BoolArray:
+    """Return which charts' areas, (n,), differ from what their surface, (n,), calls for by more than MAX_RATIO, (n,).
+
+    The scale is the median's, by surface, which a few faulty charts do not move.
+    negligible   by how much an area may differ besides
+    """
+    density = areas / np.where(surface > 0, surface, np.inf)
+    order = np.argsort(density)
+    below = np.cumsum(surface[order])
+    wanted = surface * density[order[np.searchsorted(below, below[-1] / 2)]]
+    faulty: BoolArray = (areas > MAX_RATIO * wanted + negligible) | (areas < wanted / MAX_RATIO - negligible)
+    return faulty
+
+
+def sum_over_charts(chart: Int32Array, values: Float64Array) -> Float64Array:
+    """Sum values of faces, (f,), over each chart, (n,); chart -1 is none."""
+    placed = chart >= 0
+    return np.bincount(chart[placed], values[placed], int(chart.max(initial=-1)) + 1).astype(np.float64)
 
 
 # The unwrappers: (f, 3, 2) UVs, and (f,) the chart of each face or -1.

@@ -14,8 +14,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import MAX_TILES, Layout, Rasterizer, atlas_from_uvs, build_layout
 from aoprecalc.subprocesses import ChildKilledError, ChildTimeoutError, StepCallback, ask, command
 from aoprecalc.types import Atlas, BoolArray, Float64Array, Int32Array, Scene, UvCheck
-from aoprecalc.uv.charts import Unwrapper
-from aoprecalc.uv.pack import doubled_uv_areas
+from aoprecalc.uv.charts import Unwrapper, doubled_uv_areas
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
 

@@ -21,10 +21,17 @@ from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.raster.cpu_rasterizer import overlapping_triangles
 from aoprecalc.subprocesses import end_with_parent, report_step
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
-from aoprecalc.uv.charts import FINER, Unwrapper, cut_again, make_charts
-from aoprecalc.uv.pack import doubled_uv_areas, pack_charts
+from aoprecalc.uv.charts import (
+    FINER,
+    Unwrapper,
+    cut_again,
+    doubled_uv_areas,
+    make_charts,
+    out_of_scale,
+    sum_over_charts,
+)
+from aoprecalc.uv.pack import pack_charts
 
-_MAX_RATIO = 2.0  # between a chart's share of the texture and its share of the surface
 _TINY = 1e-4  # square texels that do not matter
 
 
@@ -52,20 +59,14 @@ def faulty_charts(uvs: Float64Array, chart: Int32Array, surface: Float64Array, s
     uvs       (f, 3, 2) in [0, 1]
     chart     (f,) the chart of each face, -1 for none
     surface   (f,) the area of each face
-    A chart's share of the texture must be that of the surface within a factor of _MAX_RATIO, but for charts far smaller
+    A chart's share of the texture must be that of the surface within a factor of MAX_RATIO, but for charts far smaller
     than a texel, and no texel's centre may lie inside two faces.
     """
-    placed = np.flatnonzero(chart >= 0)
-    of_face, count = chart[placed], int(chart.max()) + 1
-    texels = np.bincount(of_face, doubled_uv_areas(uvs[placed]) / 2, count) * size**2
-    wanted = np.bincount(of_face, surface[placed], count)
-    density = texels / wanted
-    order = np.argsort(density)
-    cumulative = np.cumsum(wanted[order])
-    wanted *= density[order[np.searchsorted(cumulative, cumulative[-1] / 2)]]  # the median, which few faulty ones move
-    faulty: BoolArray = (texels > _MAX_RATIO * wanted + _TINY) | (texels < wanted / _MAX_RATIO - _TINY)
-    triangles = (uvs[placed] * (size, -size) + (0.0, size)).astype(np.float32)
-    faulty[of_face[overlapping_triangles(triangles, size, size)]] = True
+    texels = sum_over_charts(chart, doubled_uv_areas(uvs) / 2 * size**2)
+    faulty = out_of_scale(texels, sum_over_charts(chart, surface), _TINY)
+    triangles = (uvs * (size, -size) + (0.0, size)).astype(np.float32)
+    placed = chart >= 0
+    faulty[chart[placed][overlapping_triangles(triangles[placed], size, size)]] = True
     return faulty
 
 
