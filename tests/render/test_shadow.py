@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from aoprecalc.gl.context import open_renderer
-from aoprecalc.gl.triangles import TriangleDrawer
+from aoprecalc.gl.context import TriangleDrawer, open_renderer
 from aoprecalc.render.camera import frame_views, view_axes
 from aoprecalc.render.shadow import (
     AreaLight,

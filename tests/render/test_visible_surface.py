@@ -5,8 +5,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from aoprecalc.gl.context import open_renderer
-from aoprecalc.gl.triangles import TriangleDrawer
+from aoprecalc.gl.context import TriangleDrawer, open_renderer
 from aoprecalc.render.camera import frame_views, view_axes
 from aoprecalc.render.visible_surface import RayDrawer, SphereDrawer, fragments
 from shapes import ball, clutter, quad, torus

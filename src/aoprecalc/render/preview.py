@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aoprecalc.gl.triangles import TriangleDrawer
+from aoprecalc.gl.context import TriangleDrawer
 from aoprecalc.mesh.roles import up_axis
 from aoprecalc.options import PreviewOptions
 from aoprecalc.progress import Progress
