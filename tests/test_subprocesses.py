@@ -162,7 +162,7 @@ def test_xatlas_does_not_outlive_a_bake(number, endless):
     try:
         wait_until(lambda: children(bake.pid))
         (child,) = children(bake.pid)
-        wait_until(lambda: b"unwrap_process" in Path(f"/proc/{child}/cmdline").read_bytes())
+        wait_until(lambda: b"aoprecalc.uv.unwrap" in Path(f"/proc/{child}/cmdline").read_bytes())
         time.sleep(1.5)  # by now it has most likely begun; what follows is true of any moment
         assert state(child)[0] != "Z"
         bake.send_signal(number)

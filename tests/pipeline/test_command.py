@@ -357,7 +357,7 @@ def test_a_killed_batch_leaves_no_process(here):
 
 def is_xatlas(pid):
     try:
-        return b"unwrap_process" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"aoprecalc.uv.unwrap" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return False
 

@@ -13,7 +13,7 @@ class Stuck(xatlas.Atlas):
         wait(600)
 
 xatlas.Atlas = Stuck
-from aoprecalc.uv.unwrap_process import main
+from aoprecalc.uv.unwrap import main
 main("xatlas")"""
 
 
