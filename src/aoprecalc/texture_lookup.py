@@ -230,3 +230,9 @@ def linear_from_srgb(values: NDArray[np.floating]) -> Float32Array:
     """Return linear values, float32 in [0, 1], from sRGB in [0, 1] (IEC 61966-2-1)."""
     values = np.clip(values, 0, 1)
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def srgb_from_linear(values: NDArray[np.floating]) -> Float32Array:
+    """Return sRGB values, float32 in [0, 1], from linear ones, which are clipped to [0, 1] (IEC 61966-2-1)."""
+    values = np.clip(values, 0, 1)
+    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055).astype(np.float32)

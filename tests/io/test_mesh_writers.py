@@ -7,6 +7,7 @@ from PIL import Image
 
 from aoprecalc.errors import UsageError
 from aoprecalc.io import load_scene, output_mesh_extension
+from aoprecalc.texture_lookup import linear_from_srgb
 
 TOLERANCE = {".obj": 0, ".ply": 1e-7, ".glb": 1e-7, ".gltf": 1e-7}
 
@@ -104,7 +105,7 @@ def test_a_textured_obj_becomes_a_glb_with_both_textures(cube_obj, save, bake, t
     textured = materials["paint 0"]
     assert textured["occlusionTexture"]["texCoord"] == 1
     assert "texCoord" not in textured["pbrMetallicRoughness"]["baseColorTexture"]
-    assert textured["pbrMetallicRoughness"]["baseColorFactor"] == [0.5, 0.5, 0.5, 1]
+    assert textured["pbrMetallicRoughness"]["baseColorFactor"] == pytest.approx([*linear_from_srgb(np.full(3, 0.5)), 1])
     plain = materials["paint 2"]
     color = plain["pbrMetallicRoughness"]["baseColorTexture"]
     assert plain["occlusionTexture"] == {"texCoord": 0} | color | {"strength": 1}

@@ -334,7 +334,7 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     assert made["tiles"] == ["Kd 1 1 1", "map_Kd x_ao.png"]
     assert "the ambient textures (map_Ka) of 1 material were replaced" in warnings[0]
     back = load_scene(path)
-    assert back.document.materials["paint"].ambient == path.with_name("x_ao.png")
+    assert back.document.materials["paint"].occlusion == path.with_name("x_ao.png")
     assert back.document.materials["paint"].texture.samefile(tmp_path / "bricks.png")
 
 
@@ -510,7 +510,7 @@ def test_a_glb_made_here_leaves_alone_what_does_not_receive(painted, save, write
 
     up = (1, -1), (0, 1)
     own, new = (uvs.reshape(-1, 2) * up[0] + up[1] for uvs in (scene.uvs, atlas.uvs))
-    assert set(roof["attributes"]) == {"POSITION", "NORMAL", "TEXCOORD_0"}
+    assert set(roof["attributes"]) == {"POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0"}
     assert values(roof, "TEXCOORD_0") == pytest.approx(own[6:9], abs=1e-7)
     assert values(roof, "NORMAL") == pytest.approx(scene.normals[2])
     assert "baseColorTexture" in materials[1]["pbrMetallicRoughness"]

@@ -18,6 +18,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from io import BytesIO
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
 from aoprecalc.options import BitDepth, ValueOptions
+from aoprecalc.texture_lookup import srgb_from_linear
 from aoprecalc.types import Float32Array, Picture, UInt8Array
 
 Depth = Literal["8", "16", "half", "float"]
@@ -63,6 +65,10 @@ OPTIONS_SCHEMA = 1  # version of the JSON of options
 EXTRAS = "aoprecalc"  # the member of glTF's `extras`
 _TEXT, _DESCRIPTION = "aoprecalc", "ImageDescription"
 _DESCRIBED = (".tif", ".tiff", ".jpg", ".jpeg")  # hold no attributes of other names
+
+_LINEAR = (".exr", ".hdr")  # formats of linear floats
+_CHANNELS = ("red", "green", "blue")
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of ITU-R BT.709
 
 _OIIO_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
@@ -213,6 +219,60 @@ def read_colors(path: str | PathLike[str]) -> UInt8Array:
     """Return the colours of an image, (height, width, 3) uint8 as stored; raises InputError as `read_pixels` does."""
     pixels = _read(path, "uint8")
     return np.ascontiguousarray(pixels[:, :, :3] if pixels.shape[2] > 2 else pixels[:, :, :1].repeat(3, axis=2))
+
+
+def read_opacity(path: str | PathLike[str], channel: str = "") -> Float32Array | None:
+    """Return one channel of an image as (height, width) float32 in [0, 1]; None where it has no such channel.
+
+    channel   red, green, blue, alpha or luminance; empty: alpha where there is one that is not 1 throughout, else
+              luminance
+
+    Raises InputError as `read_pixels` does.
+    """
+    pixels = read_pixels(path)
+    channels = pixels.shape[2]
+    alpha = np.ascontiguousarray(pixels[:, :, -1]) if channels in (2, 4) else None
+    if channel == "alpha" or (not channel and alpha is not None and alpha.min() < 1):
+        return alpha
+    if channels < 3:
+        return np.ascontiguousarray(pixels[:, :, 0])
+    if channel in _CHANNELS:
+        return np.ascontiguousarray(pixels[:, :, _CHANNELS.index(channel)])
+    return np.asarray(pixels[:, :, :3] @ _LUMINANCE, np.float32)
+
+
+def color_png(color: str | PathLike[str] | None, opacity: Float32Array | None = None) -> bytes:
+    """Return an 8-bit PNG in sRGB of the colours of an image, and of its alpha or another one.
+
+    color     floats of formats such as EXR count as linear; None: white
+    opacity   (h, w) float32 in [0, 1], of any size: the larger size of both is written
+
+    Raises InputError where the image cannot be read.
+    """
+    from PIL import Image
+
+    pixels = np.ones((1, 1, 3), np.float32) if color is None else read_pixels(color)
+    if color is not None and Path(color).suffix.lower() in _LINEAR:
+        pixels[:, :, :3] = srgb_from_linear(pixels[:, :, :3])
+    if pixels.shape[2] < 3:  # grey
+        pixels = np.concatenate([pixels[:, :, :1].repeat(3, axis=2), pixels[:, :, 1:]], axis=2)
+    image = Image.fromarray(quantize(pixels[:, :, :4], "8"))
+    if opacity is not None:
+        alpha = Image.fromarray(quantize(opacity, "8"))
+        size = max(image.width, alpha.width), max(image.height, alpha.height)
+        image = image.convert("RGB").resize(size, Image.Resampling.BILINEAR)
+        image.putalpha(alpha.resize(size, Image.Resampling.BILINEAR))
+    data = BytesIO()
+    image.save(data, "PNG")
+    return data.getvalue()
+
+
+def is_baked(path: str | PathLike[str]) -> bool:
+    """Tell whether an image is a texture that this program baked: by its text, else where none fits by its name."""
+    name = Path(path)
+    if name.suffix.lower() in EXTENSIONS_WITHOUT_TEXT:
+        return name.stem.lower().endswith("_ao") and name.is_file()
+    return name.is_file() and bool(read_text(name))
 
 
 def _read(path: str | PathLike[str], kind: Literal["float", "uint8"]) -> NDArray[Any]:

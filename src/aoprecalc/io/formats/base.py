@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -224,17 +224,26 @@ class MeshFormat(ABC):
     def losses(self, path: Path, mesh: MeshWithAo) -> tuple[str, ...]:
         """Return warnings about what the file at `path`, of this format, cannot hold of a scene."""
         scene, lost = mesh.scene, list[str]()
+        source, own = scene.path.name, f".{scene.format}" in self.extensions
         materials = [part.material for part in scene.parts]
-        if not self.alpha and any(material.transparent or material.alpha_mask is not None for material in materials):
+        advice = "write a .glb to keep"
+        if any(material.transparent or material.alpha_mask is not None for material in materials) and not (
+            self.alpha or own
+        ):
             lost.append(
                 f"{path}: {self.name} holds neither transparency nor alpha masks, which the bake has used; "
-                "write a .glb to keep them"
+                f"{advice} them"
             )
         if self.one_uv_set and scene.uv_sets and mesh.atlas.uv_set != 0:
-            lost.append(
-                f"{path}: {self.name} holds one set of UVs; those of {scene.path.name} are replaced, "
-                "write a .glb to keep both"
-            )
+            lost.append(f"{path}: {self.name} holds one set of UVs; those of {source} are replaced, {advice} both")
+        if own or scene.document is None:
+            return tuple(lost)
+        if not isinstance(scene.document, SourceDocument):
+            lost.append(f"{path}: the materials, nodes and animations of {source} are left out; {advice} them")
+        elif any(material.pictured or material.color != WHITE for material in scene.document.materials.values()):
+            lost.append(f"{path}: the colours and textures of the materials of {source} are left out; {advice} them")
+        if source_colors(scene) is not None:
+            lost.append(f"{path}: the colours of the vertices of {source} are left out; {advice} them")
         return tuple(lost)
 
 
@@ -257,17 +266,34 @@ class Placement:
         return uvs * self.scale + self.offset
 
 
+WHITE = (1.0, 1.0, 1.0)
+AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]  # as in glTF
+
+
 @dataclass(frozen=True)
 class SourceMaterial:
-    """The diffuse colour (red, green, blue, 0 to 1, sRGB) and diffuse texture of a material.
+    """The diffuse colour (red, green, blue, 0 to 1, sRGB), diffuse texture and opacity of a material.
 
-    placement   of the texture
+    placement        of its textures
+    opacity          0 to 1
+    opacity_map      the file that it is multiplied by: `texture`, for its alpha, or another; None where it has none
+    opacity_channel  of that file: see `read_opacity`
+    alpha_mode       MASK: holes where the opacity map is below 0.5
     """
 
     name: str
-    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    color: tuple[float, float, float] = WHITE
     texture: Path | None = None
-    placement: Placement = Placement()
+    placement: Placement = field(default_factory=Placement)
+    opacity: float = 1.0
+    opacity_map: Path | None = None
+    opacity_channel: str = ""
+    alpha_mode: AlphaMode = "OPAQUE"
+
+    @property
+    def pictured(self) -> bool:
+        """Whether it has textures that need the UVs of its file."""
+        return self.texture is not None or self.opacity_map is not None
 
     def factor(self, *, textured: bool) -> tuple[float, float, float]:
         """Return the linear colour, by which a texture is multiplied; some programs write black for white there."""
@@ -286,6 +312,10 @@ class SourceDocument:
     polygons: Polygons
     materials: Mapping[str, SourceMaterial]
 
+    def colors(self, scene: Scene) -> Float32Array | None:
+        """Return the linear colours at the corners of its faces, (f, 3, 3) or with alpha (f, 3, 4); None without."""
+        return None
+
 
 @dataclass(frozen=True)
 class PartSource:
@@ -303,6 +333,11 @@ def source_polygons(scene: Scene) -> Polygons:
 def source_materials(scene: Scene) -> Mapping[str, SourceMaterial]:
     """Return the materials of a scene's file by name."""
     return scene.document.materials if isinstance(scene.document, SourceDocument) else {}
+
+
+def source_colors(scene: Scene) -> Float32Array | None:
+    """Return the linear colours at the corners of a scene's faces, (f, 3, 3 or 4); None where its file has none."""
+    return scene.document.colors(scene) if isinstance(scene.document, SourceDocument) else None
 
 
 MaterialUse = tuple[str | None, bool]  # the name of a material, None for none, and whether its parts are baked

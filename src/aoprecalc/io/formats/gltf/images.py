@@ -10,11 +10,13 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from aoprecalc.errors import InputError, counted, one_or_many
+from aoprecalc.io.formats.base import Placement, SourceMaterial
 from aoprecalc.io.formats.files import read_file
 from aoprecalc.io.formats.gltf.document import Json, data_uri, is_misnamed, local_file
+from aoprecalc.io.formats.gltf.materials import TRANSFORM
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry
-from aoprecalc.io.images import png_bytes, read_image
+from aoprecalc.io.images import color_png, png_bytes, read_image, read_opacity, read_pixels
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.progress import Note
 
@@ -53,9 +55,11 @@ def add_texture(
         if not _embeds(path):
             outputs.path(texture).write_bytes(data)
     image = add_entry(document, "images", _image(path, buffer, texture, data))
-    wrap = REPEAT if repeats else CLAMP_TO_EDGE
-    sampler = {"magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": wrap, "wrapT": wrap}
-    return _add_texture(document, image, sampler), notes
+    return _add_texture(document, image, _sampler(REPEAT if repeats else CLAMP_TO_EDGE)), notes
+
+
+def _sampler(wrap: int) -> Json:
+    return {"magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": wrap, "wrapT": wrap}
 
 
 def add_orm_textures(
@@ -79,6 +83,81 @@ def add_orm_textures(
         if image not in textures:
             textures[image] = _add_texture(document, images[image.data], image.sampler)
     return {index: textures[image] for index, image in packed.items()}
+
+
+def add_base_textures(
+    outputs: Outputs,
+    path: Path,
+    document: Json,
+    buffer: GltfBuffer,
+    materials: Mapping[int, SourceMaterial],
+    source: Path,
+) -> tuple[str, ...]:
+    """Give materials of a document that will be at `path` the base colour textures of those they are made from.
+
+    materials   index of a material -> the one of the source
+    source      the path of the source; a .gltf in its folder refers to the same files
+
+    What glTF cannot hold becomes a PNG: pictures that are no PNG or JPEG, and the opacity of another picture, which
+    goes into the alpha. Returns a warning about each that cannot be read, and a note about those that were converted.
+    """
+    warnings, converted = list[str](), dict[str, None]()
+    images: dict[tuple[Path | None, Path | None, str], int] = {}
+    stay = path.parent.resolve() == source.parent.resolve()
+    for index, material in materials.items():
+        blends = material.alpha_mode != "OPAQUE" and material.opacity_map not in (None, material.texture)
+        key = material.texture, material.opacity_map if blends else None, material.opacity_channel if blends else ""
+        if key[:2] == (None, None):
+            continue
+        if key not in images:
+            try:
+                file, data = _base_picture(*key)
+            except InputError as error:
+                name = document["materials"][index]["name"]
+                warnings.append(f"{path}: the material {name!a} is written without its picture: {error}")
+                continue
+            if file not in (material.texture, material.opacity_map):
+                converted |= dict.fromkeys(picture.name for picture in key[:2] if isinstance(picture, Path))
+            if not _embeds(path) and not (stay and file in key):
+                file = path.with_name(_free_name(outputs, path, file.name, data))
+                outputs.path(file).write_bytes(data)
+            images[key] = add_entry(document, "images", _image(path, buffer, file, data))
+        _assign_base_texture(document, index, images[key], material.placement)
+    if not converted:
+        return tuple(warnings)
+    names = ", ".join(f"{name!a}" for name in list(converted)[:_MAX_NAMES])
+    return (*warnings, Note(f"{path}: glTF holds PNG and JPEG, so that PNGs are made of {names}"))
+
+
+def _base_picture(color: Path | None, opacity: Path | None, channel: str) -> tuple[Path, bytes]:
+    """Return the PNG or JPEG of a colour and an opacity, and a path with its name; raises InputError."""
+    file = color or opacity
+    assert file is not None
+    if color is not None and opacity is None:
+        read_pixels(color)  # a damaged file is no picture for glTF
+        if _mime_type(data := read_file(color)) in ("image/png", "image/jpeg"):
+            return color, data
+    alpha = None if opacity is None else read_opacity(opacity, channel)
+    return file.with_name(f"{file.stem}.png" if opacity is None else f"{file.stem}_alpha.png"), color_png(color, alpha)
+
+
+def _assign_base_texture(document: Json, material: int, image: int, placement: Placement) -> None:
+    sampler = None
+    if placement.wrap == "clamp":
+        sampler = {
+            "magFilter": LINEAR,
+            "minFilter": LINEAR_MIPMAP_LINEAR,
+            "wrapS": CLAMP_TO_EDGE,
+            "wrapT": CLAMP_TO_EDGE,
+        }
+    info: Json = {"index": _add_texture(document, image, sampler)}
+    (su, sv), (ou, ov) = placement.scale, placement.offset
+    if (placement.scale, placement.offset) != ((1, 1), (0, 0)):
+        # With v downwards, v = 1 - v', the offset of v' = sv v' + ov becomes 1 - sv - ov.
+        info["extensions"] = {TRANSFORM: {"offset": [ou, 1 - sv - ov], "scale": [su, sv]}}
+        if TRANSFORM not in document.setdefault("extensionsUsed", []):
+            document["extensionsUsed"].append(TRANSFORM)
+    document["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"] = info
 
 
 def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffer, source: Path) -> tuple[str, ...]:

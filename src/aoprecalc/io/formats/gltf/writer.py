@@ -16,11 +16,18 @@ from aoprecalc.io.formats.base import (
     WrittenMesh,
     material_names,
     material_use,
+    source_colors,
     source_materials,
 )
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document, flip_v
-from aoprecalc.io.formats.gltf.images import add_orm_textures, add_texture, buffer_file, carry_images
+from aoprecalc.io.formats.gltf.images import (
+    add_base_textures,
+    add_orm_textures,
+    add_texture,
+    buffer_file,
+    carry_images,
+)
 from aoprecalc.io.formats.gltf.occlusion_textures import (
     OrmImage,
     assign_textures,
@@ -32,7 +39,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
 )
 from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references
 from aoprecalc.io.images import options_text, read_image
-from aoprecalc.io.outputs import Outputs, relative_uri
+from aoprecalc.io.outputs import Outputs
 from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
@@ -40,14 +47,15 @@ from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
 def new_document(
     scene: Scene, atlas: Atlas, normals: Float32Array
-) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int]]:
-    """Return (json, buffer, texcoords) for a scene of another format: a node and a mesh for each name and material.
+) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int], dict[int, SourceMaterial]]:
+    """Return (json, buffer, texcoords, sources) for a scene of another format; a node and a mesh for name and material.
 
     Positions are rounded to float32, if they are far away about a local origin that a node above all moves there.
-    Materials keep their diffuse colour and texture, whose URI is relative to the scene's folder. The file's first UV
-    set is kept: before the new set if a texture needs it, else after it, since simple viewers read the first set only.
-    Parts that do not receive get only the file's UVs and normals.
+    Materials keep their colour and opacity; for their textures see `add_base_textures`. The colours of vertices become
+    COLOR_0. The file's first UV set is kept: before the new set if a texture needs it, else after it, since simple
+    viewers read the first set only. Parts that do not receive get only the file's UVs and normals.
     `texcoords` is (mesh, primitive) -> the n of the TEXCOORD_n of the atlas, for primitives that receive.
+    `sources` is index of a material -> the one that it is made from.
     """
     json: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0, "scenes": [{"nodes": []}]}
     json |= {"nodes": [], "meshes": [], "materials": []}
@@ -55,19 +63,22 @@ def new_document(
     known = source_materials(scene)
     names = material_names(scene.parts, known)
     materials: dict[MaterialUse, int] = {}
+    sources: dict[int, SourceMaterial] = {}
     texcoords = {}
     origin = local_origin(scene.positions)
+    colors = source_colors(scene)
     for (name, use), parts in _groups(scene).items():
         material = known.get(use[0] or "", SourceMaterial(""))
         if use not in materials:
             materials[use] = len(json["materials"])
-            json["materials"].append(_material(json, names[use], material, scene))
+            json["materials"].append(_material(names[use], material, textured=bool(material.texture and scene.uv_sets)))
+            sources[materials[use]] = material
 
         own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set is None else []
-        uv_sets = [*own, *new] if material.texture else [*new, *own]
-        primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets)
+        uv_sets = [*own, *new] if material.pictured else [*new, *own]
+        primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets, colors)
         if use[1]:
-            texcoords[len(json["meshes"]), 0] = len(own) if new and material.texture else 0
+            texcoords[len(json["meshes"]), 0] = len(own) if new and material.pictured else 0
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
         json["nodes"].append({"name": _valid_unicode(name), "mesh": len(json["meshes"])})
         json["meshes"].append({"name": _valid_unicode(name), "primitives": [primitive | {"material": materials[use]}]})
@@ -76,7 +87,7 @@ def new_document(
             {"name": "local origin", "translation": origin.tolist(), "children": json["scenes"][0]["nodes"]}
         )
         json["scenes"][0]["nodes"] = [len(json["nodes"]) - 1]
-    return json, buffer, texcoords
+    return json, buffer, texcoords, sources
 
 
 def show_texture(json: Json, materials: Mapping[int, int], texture: int) -> dict[int, int]:
@@ -107,11 +118,13 @@ def _primitive(
     parts: Sequence[Part],
     normals: Float32Array | None,
     uv_sets: Sequence[Float64Array],
+    colors: Float32Array | None,
 ) -> Json:
-    """Return a primitive of the faces of some parts, about an origin; normals and UVs are those of all faces."""
+    """Return a primitive of the faces of some parts, about an origin; the other values are those of all faces."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
     values |= {f"TEXCOORD_{number}": flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
+    values |= {} if colors is None else {"COLOR_0": colors[faces]}
     split = corners_to_vertices(scene.faces[faces], *values.values())
     positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]] - origin
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
@@ -120,14 +133,11 @@ def _primitive(
     return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
 
 
-def _material(json: Json, name: str, material: SourceMaterial, scene: Scene) -> Json:
-    color: Json = {"baseColorFactor": [*material.color, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
-    if material.texture is not None and scene.uvs is not None:
-        images, textures = json.setdefault("images", []), json.setdefault("textures", [])
-        images.append({"uri": relative_uri(material.texture, scene.path)})
-        textures.append({"source": len(images) - 1})
-        color["baseColorTexture"] = {"index": len(textures) - 1}
-    return {"name": _valid_unicode(name), "pbrMetallicRoughness": color}
+def _material(name: str, material: SourceMaterial, *, textured: bool) -> Json:
+    factor = [*material.factor(textured=textured), material.opacity]
+    color: Json = {"baseColorFactor": factor, "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    mode: Json = {} if material.alpha_mode == "OPAQUE" else {"alphaMode": material.alpha_mode}
+    return {"name": _valid_unicode(name), "pbrMetallicRoughness": color, **mode}
 
 
 def _valid_unicode(name: str) -> str:
@@ -143,12 +153,12 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     """
     scene, atlas, texture = mesh.scene, mesh.atlas, mesh.texture
     is_new = not isinstance(scene.document, GltfDocument)
-    messages = list[str]()
+    messages, sources = list[str](), dict[int, SourceMaterial]()
     if isinstance(scene.document, GltfDocument):
         document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals)
         messages += notes
     else:
-        document, buffer, texcoords = new_document(scene, atlas, mesh.normals)
+        document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals)
     materials, notes = own_materials(document, texcoords)
     messages += notes
     text, packed, shown = options_text(mesh.options), dict[int, OrmImage](), dict[int, int]()
@@ -159,7 +169,11 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
 
     extras = occlusion_extras(document, materials, mesh.options)
     release_references(document, buffer, replaced_references(document, materials, packed))
-    messages += carry_images(outputs, path, document, buffer, scene.path)
+    if is_new:
+        with_uvs = {index: source for index, source in sources.items() if scene.uv_sets}
+        messages += add_base_textures(outputs, path, document, buffer, with_uvs, scene.path)
+    else:
+        messages += carry_images(outputs, path, document, buffer, scene.path)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
     if len(textures) < len(materials):
         number, notes = add_texture(outputs, path, document, buffer, texture, text, repeats=atlas.repeats)

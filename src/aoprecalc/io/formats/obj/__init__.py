@@ -13,6 +13,7 @@ from aoprecalc.io.formats.base import (
     WrittenMesh,
     first_uvs,
     material_use,
+    source_colors,
     source_materials,
 )
 from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files
@@ -55,7 +56,7 @@ class ObjFormat(MeshFormat):
             return ".obj", ""
         materials = source_materials(scene)
         used = dict.fromkeys(name for name, receives in map(material_use, scene.parts) if receives and name)
-        textured = [name for name in used if name in materials and materials[name].texture is not None]
+        textured = [name for name in used if name in materials and materials[name].pictured]
         if not textured:
             return ".obj", ""
         names = ", ".join(textured[:3]) + (", ..." if len(textured) > 3 else "")
@@ -65,7 +66,7 @@ class ObjFormat(MeshFormat):
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write an OBJ and its MTL; see `write_obj`."""
         written, notes = write_obj(outputs, path, mesh)
-        return replace(written, messages=(*(written.messages or self.losses(path, mesh)), *notes))
+        return replace(written, messages=(*written.messages, *self.losses(path, mesh), *notes))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return map_Ka of the part's material, else its map_Kd."""
@@ -74,12 +75,12 @@ class ObjFormat(MeshFormat):
         return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
-        """Return Kd and map_Kd of each part's material."""
-        materials = _document(scene).materials
+        """Return Kd and map_Kd of each part's material, and the colours of the vertices."""
+        materials, colors = _document(scene).materials, source_colors(scene)
         return tuple(
-            BaseColor()
-            if (material := materials.get(material_use(part)[0] or "")) is None
-            else material.base_color(first_uvs(scene, part), images, occlusion, None)
+            materials.get(material_use(part)[0] or "", MtlMaterial("")).base_color(
+                first_uvs(scene, part), images, occlusion, None if colors is None else colors[part.faces, :, :3]
+            )
             for part in scene.parts
         )
 

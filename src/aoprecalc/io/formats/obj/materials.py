@@ -1,17 +1,21 @@
 """MTL files, the material libraries of OBJ: read, and written again."""
 
+import math
 import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.io.formats.base import ColorImages, ImageSource, Placement, SourceMaterial, same_file
+from aoprecalc.errors import InputError
+from aoprecalc.io.formats.base import AlphaMode, ColorImages, ImageSource, Placement, SourceMaterial, same_file
 from aoprecalc.io.formats.files import FileSearch, file_beside, read_text
+from aoprecalc.io.images import is_baked, read_opacity
 from aoprecalc.io.outputs import relative_path
+from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import repeating_texture
-from aoprecalc.types import BaseColor, Float32Array, Float64Array
+from aoprecalc.types import AlphaMask, BaseColor, Float32Array, Float64Array, Material
 
 # Statements that name a texture file.
 _MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
@@ -24,6 +28,8 @@ _WORDS = {
 }  # fmt: skip
 _UP_TO = {"-o": 3, "-s": 3, "-t": 3}
 _PLAIN = Placement()
+_OPAQUE = 15 / 16  # opacities from here on count as 1, those below its complement as 0
+_CUTOFF = 0.5
 _CHANNELS = {"r": "red", "g": "green", "b": "blue", "m": "alpha", "l": "luminance"}
 
 
@@ -151,17 +157,92 @@ def _material(search: FileSearch, name: str, texts: Sequence[str]) -> MtlMateria
         if isinstance(line, str):
             keyword, rest = _statement(line)
             values[keyword.lower()] = rest.split()
-    made = MtlMaterial(name, _color(values.get("kd", [])) or (1.0, 1.0, 1.0), lines=lines)
-    diffuse, ambient = made.map("map_kd"), made.map("map_ka")
-    occlusion = ambient or diffuse
-    return MtlMaterial(
-        name,
-        made.color,
-        None if diffuse is None else diffuse.file,
-        _PLAIN if diffuse is None else diffuse.placement,
-        lines=lines,
-        occlusion=None if occlusion is None else occlusion.file,
-    )
+    made = MtlMaterial(name, _color(values.get("kd", [])) or (1.0, 1.0, 1.0), lines=lines, opacity=_opacity(values))
+    diffuse, ambient, holes = (made.map(keyword) for keyword in ("map_kd", "map_ka", "map_d"))
+    if diffuse is not None:
+        made = replace(made, texture=diffuse.file, placement=diffuse.placement, occlusion=diffuse.file)
+    if ambient is not None:
+        made = replace(made, occlusion=ambient.file)
+    if holes is not None and holes.found:
+        itself = diffuse is not None and same_file(holes.file, diffuse.file)  # whose luminance is no opacity
+        made = replace(made, opacity_map=holes.file, opacity_channel=holes.channel or ("alpha" if itself else ""))
+        return made if diffuse is not None else replace(made, placement=holes.placement)
+    return made if diffuse is None else replace(made, opacity_map=diffuse.file, opacity_channel="alpha")
+
+
+def _opacity(values: Mapping[str, Sequence[str]]) -> float:
+    """Return the opacity by `d`, else by its complement `Tr`, which some programs write beside it in another sense."""
+    for keyword, sign in (("d", 1.0), ("tr", -1.0)):
+        words = values.get(keyword, ())
+        if words and _is_number(words[-1]):  # after -halo, which depends on the angle of view
+            return min(max(float(words[-1]) if sign > 0 else 1.0 - float(words[-1]), 0.0), 1.0)
+    return 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ExaminedMaterial:
+    """A material whose pictures were looked at, and its opacity map, (h, w) float32, if it has one.
+
+    messages   for the user
+    """
+
+    material: MtlMaterial
+    opacity: Float32Array | None = None
+    messages: tuple[str, ...] = ()
+
+    def at(self, uvs: Float64Array | None) -> Material:
+        """Return what matters to visibility, of faces with (n, 3, 2) UVs."""
+        made = self.material
+        if made.alpha_mode == "MASK" and self.opacity is not None and uvs is not None:
+            wraps = (made.placement.wrap, made.placement.wrap)
+            mask = AlphaMask(self.opacity, made.placement.transform(uvs), np.ones(uvs.shape[:2]), _CUTOFF, wraps)
+            return Material(alpha_mask=mask)
+        return Material(transparent=made.alpha_mode == "BLEND")
+
+
+def examine(material: MtlMaterial) -> ExaminedMaterial:
+    """Look at the pictures of a material: which is a baked texture, and what its opacity makes of it.
+
+    An opacity below 1 blends. A map_d with more texels that are holes than texels between is a mask, else it blends.
+    The alpha of map_Kd, which programs use for other things too, is taken as a mask only. A baked texture is no colour.
+    """
+    label, messages = f"the material {material.name!a}", list[str]()
+    if material.texture is not None and is_baked(material.texture):
+        itself = same_file(material.opacity_map, material.texture)
+        material = replace(material, texture=None, opacity_map=None if itself else material.opacity_map)
+    if material.opacity == 0:
+        messages.append(f"{label} has an opacity of 0 (d 0 or Tr 1), which would hide it: it is taken as opaque")
+        material = replace(material, opacity=1.0)
+    whole = replace(material, opacity_map=None, alpha_mode="BLEND" if material.opacity < 1 else "OPAQUE")
+    diffuse, holes = material.map("map_kd"), material.map("map_d")
+    if holes is not None and not holes.found:
+        messages.append(f"{label} is taken as opaque where its map_d says: {holes.name!a} is not there")
+    file, own = material.opacity_map, holes is None or not holes.found
+    if file is None or (own and not file.is_file()):
+        return ExaminedMaterial(whole, messages=tuple(messages))
+    if diffuse is not None and holes is not None and not own and diffuse.placement != holes.placement:
+        messages.append(f"{label} places its map_d and its map_Kd differently: map_d is left out")
+        return ExaminedMaterial(whole, messages=tuple(messages))
+    try:
+        opacity = read_opacity(file, material.opacity_channel)
+    except InputError as error:
+        if not own:  # else it is told where the colours are read
+            messages.append(f"{label} is taken as opaque: {error}")
+        return ExaminedMaterial(whole, messages=tuple(messages))
+    if opacity is None or opacity.min() >= _OPAQUE:
+        return ExaminedMaterial(whole, messages=tuple(messages))
+    is_hole, is_whole = opacity < 1 - _OPAQUE, opacity >= _OPAQUE
+    between = np.count_nonzero(~is_hole & ~is_whole)
+    is_mask = between <= np.count_nonzero(is_hole) < is_hole.size and material.opacity == 1
+    if own and not is_mask:
+        messages.append(
+            f"{label}: the alpha of {file.name} is no mask and not used; map_d {file.name} would make it so"
+        )
+        return ExaminedMaterial(whole, messages=tuple(messages))
+    if own:
+        messages.append(Note(f"{label}: the alpha of {file.name} cuts holes into it"))
+    mode: AlphaMode = "MASK" if is_mask else "BLEND"
+    return ExaminedMaterial(replace(material, alpha_mode=mode), opacity, tuple(messages))
 
 
 def _line(search: FileSearch, text: str) -> str | TextureMap:
@@ -201,16 +282,14 @@ def _options(rest: str) -> tuple[dict[str, list[str]], str]:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        return math.isfinite(float(word))
     except ValueError:
         return False
-    return True
 
 
 def _numbers(words: Sequence[str], filler: float) -> tuple[float, float]:
-    """Return the first two numbers of an option, the filler where it has fewer or others than finite ones."""
-    numbers = [float(word) for word in words[:2]]
-    u, v = (number if np.isfinite(number) else filler for number in [*numbers, filler, filler][:2])
+    """Return the first two numbers of an option, the filler where it has fewer."""
+    u, v = [*(float(word) for word in words), filler, filler][:2]
     return u, v
 
 

@@ -6,7 +6,7 @@ end of the file, takes index 0 for the first vertex, and drops all UVs where one
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.files import FileSearch
 from aoprecalc.io.formats.obj.materials import (
     MtlMaterial,
+    examine,
     joined_lines,
     library_files,
     material_files,
@@ -25,7 +26,8 @@ from aoprecalc.io.formats.obj.materials import (
 )
 from aoprecalc.io.formats.polygons import Polygons, lost_faces, polygon_triangles
 from aoprecalc.progress import Note
-from aoprecalc.types import Float64Array, Int32Array, Scene
+from aoprecalc.texture_lookup import linear_from_srgb
+from aoprecalc.types import Float32Array, Float64Array, Int32Array, Material, Scene
 
 _LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+([^\n]+)", re.MULTILINE)
 
@@ -51,6 +53,7 @@ class ObjDocument(SourceDocument):
     corners            (c, 3) int32: the v, vt and vn of each corner of each `f` line, from 0; -1 for none
     normals_complete   every corner has a normal that is not zero
     libraries          the MTL files it names
+    vertex_colors      (v, 3) float32, linear, with alpha (v, 4); None where no `v` line has any
     """
 
     materials: Mapping[str, MtlMaterial]
@@ -58,6 +61,13 @@ class ObjDocument(SourceDocument):
     corners: Int32Array
     normals_complete: bool
     libraries: tuple[Path, ...] = ()
+    vertex_colors: Float32Array | None = None
+
+    def colors(self, scene: Scene) -> Float32Array | None:
+        """Return the linear colours at the corners of the faces, (f, 3, 3 or 4); None where it has none."""
+        if self.vertex_colors is None:
+            return None
+        return np.concatenate([self.vertex_colors[part.vertices] for part in scene.parts])
 
 
 @dataclass(frozen=True)
@@ -93,26 +103,36 @@ def read_obj(path: Path, data: bytes) -> Scene:
     polygons = Polygons(counts, triangles, owners)
     messages = list(lost_faces(counts))
 
+    libraries = _libraries(path, lines.libraries)
+    materials = read_materials(path.parent, libraries)
+    sections = list(_sections_with_faces(lines.sections, len(counts)))
+    used = dict.fromkeys(section.material for section, _, _ in sections if section.material is not None)
+    if libraries and (unknown := [name for name in used if name not in materials]):
+        messages.append(_unknown_materials(unknown, libraries))
+    examined = {name: examine(materials[name]) for name in used if name in materials}
+    for name, found in examined.items():
+        materials[name] = found.material
+        messages += found.messages
+
     pieces = []
-    for section, start, stop in _sections_with_faces(lines.sections, len(counts)):
+    for section, start, stop in sections:
         first, last = np.searchsorted(owners, [start, stop])
         position, uv, normal = np.moveaxis(corners[triangles[first:last]], 2, 0)
         at_corners = _rows_at(uvs, uv)
         uv_sets = () if at_corners is None else (at_corners,)
         names = (section.object, section.group, section.material)
-        pieces.append(MeshPiece(section.name, positions, position, _rows_at(normals, normal), uv_sets, section, names))
+        material = examined[section.material].at(at_corners) if section.material in examined else Material()
+        piece = MeshPiece(section.name, positions, position, _rows_at(normals, normal), uv_sets, section, names)
+        pieces.append(replace(piece, material=material))
     if not pieces:
         pieces = [MeshPiece("mesh", positions, np.empty((0, 3), dtype=np.int64))]
-    libraries = _libraries(path, lines.libraries)
-    materials = read_materials(path.parent, libraries)
-    used = dict.fromkeys(section.material for section, _, _ in _sections_with_faces(lines.sections, len(counts)))
-    unknown = [name for name in used if name is not None and name not in materials]
-    if unknown and libraries:
-        messages.append(_unknown_materials(unknown, libraries))
     normals_complete = bool(
         (corners[:, 2] >= 0).all() and (np.isfinite(normals).all(axis=1) & normals.any(axis=1)).all()
     )
-    document = ObjDocument(polygons, materials, text, corners.astype(np.int32), normals_complete, libraries)
+    vertex_colors = _vertex_colors(lines.v)
+    document = ObjDocument(
+        polygons, materials, text, corners.astype(np.int32), normals_complete, libraries, vertex_colors
+    )
     return build_scene(path, "obj", pieces, document, messages)
 
 
@@ -191,6 +211,28 @@ def _numbers(path: Path, what: str, rows: list[str], min_count: int, width: int)
             path, f"{what} number {number} is {row_text[:60]!a}, {min_count} numbers were expected"
         ) from None
     return table
+
+
+def _vertex_colors(rows: list[str]) -> Float32Array | None:
+    """Return the linear colours that follow the coordinates of vertices, (v, 3), with alpha (v, 4); None where none do.
+
+    As ZBrush and MeshLab write them: red, green, blue in sRGB, and alpha; beyond 1 they count up to 255. A number alone
+    is the weight w. Vertices without are white.
+    """
+    words = [row.partition("#")[0].split()[3:7] for row in rows]
+    widths = {len(row) for row in words if len(row) >= 3}
+    if not widths:
+        return None
+    colors = np.ones((len(rows), max(widths)))
+    for color, row in zip(colors, words, strict=True):
+        if len(row) >= 3 and _are_numbers(row, 3):
+            color[: len(row)] = [float(word) for word in row]
+    colors = np.nan_to_num(colors, nan=1.0)
+    colored = [index for index, row in enumerate(words) if len(row) >= 3]
+    if colors.max() > 1:
+        colors[colored] /= 255
+    colors = np.clip(colors, 0, 1)
+    return np.concatenate([linear_from_srgb(colors[:, :3]), colors[:, 3:]], axis=1, dtype=np.float32)
 
 
 def _are_numbers(words: Sequence[str], min_count: int) -> bool:

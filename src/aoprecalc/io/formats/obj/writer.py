@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,10 @@ from aoprecalc.io.formats.base import (
     material_names,
     material_use,
     output_uvs,
+    same_file,
     source_polygons,
 )
+from aoprecalc.io.formats.files import file_beside
 from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
 from aoprecalc.io.formats.obj.reader import ObjDocument, statement
 from aoprecalc.io.formats.polygons import NewUvs, OutputFaces, cut_note
@@ -29,6 +31,7 @@ from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
 
+_MAX_NAMES = 8  # of textures in a message
 _WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
 
 
@@ -46,25 +49,43 @@ def library_lines(
     unknown = [MtlMaterial(material or "") for material, _ in names if material not in document.materials]
     lines: list[str] = []
     slots = Counter[str]()
-    lost = 0  # materials that lose textures
+    lost: dict[str, list[TextureMap]] = {}  # the textures that materials lose
+    kept_maps: list[TextureMap] = []
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
         name = material.name or None
         plain, baked = names.get((name, False)), names.get((name, True))
         if plain or not baked:
             lines += [f"newmtl {plain or name}", *_statements(material.lines, target), ""]
         if baked:
-            remaining = [line for line in material.lines if not _replaced(line, kept)]
-            lost += len(remaining) < len(material.lines)
+            remaining = [line for line in material.lines if not _replaced(line, material, kept)]
+            if replaced := [line for line in material.maps if _replaced(line, material, kept)]:
+                lost[baked] = replaced
             slot = "map_Ka" if kept and material.texture else "map_Kd"
             slots[slot] += 1
             lines += [f"newmtl {baked}", *_statements(remaining, target), f"{slot} {texture}", ""]
-    messages: tuple[str, ...] = ()
+            kept_maps += [line for line in remaining if isinstance(line, TextureMap)]
+        else:
+            kept_maps += material.maps
+    messages = list[str]()
     if lost and kept:
-        messages = (Note(f"the ambient textures (map_Ka) of {counted(lost, 'material')} were replaced"),)
+        ambient = all(line.keyword == "map_ka" for replaced in lost.values() for line in replaced)
+        which = "ambient textures (map_Ka)" if ambient else "textures of an earlier bake"
+        messages.append(Note(f"the {which} of {counted(len(lost), 'material')} were replaced"))
     elif lost:
-        messages = (f"{target}: an MTL holds one set of UVs; the other textures of its materials are left out",)
+        left_out = _names(line for replaced in lost.values() for line in replaced)
+        found = "an MTL holds one set of UVs; the other textures of its materials are left out"
+        messages.append(f"{target}: {found}: {left_out}")
+    missing = [line for line in kept_maps if not line.found]
+    if moved := [line for line in missing if not same_file(file_beside(target.parent, line.name), line.file)]:
+        messages.append(f"{target}: names textures that were not there before the bake: {_names(moved)}")
     references = tuple(TextureReference(slot, "vt", materials) for slot, materials in slots.items())
-    return lines, WrittenMesh(references, messages)
+    return lines, WrittenMesh(references, tuple(messages))
+
+
+def _names(maps: Iterable[TextureMap]) -> str:
+    """Return the names of textures for a message."""
+    names = list(dict.fromkeys(f"{line.name!a}" for line in maps))
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
 def _statements(lines: Sequence[str | TextureMap], target: Path) -> list[str]:
@@ -72,9 +93,11 @@ def _statements(lines: Sequence[str | TextureMap], target: Path) -> list[str]:
     return [line if isinstance(line, str) else line.relocated(target) for line in lines] or [_WHITE]
 
 
-def _replaced(line: str | TextureMap, kept: bool) -> bool:
-    """Tell whether the baked texture replaces that of a line."""
-    return isinstance(line, TextureMap) and (not kept or line.keyword == "map_ka")
+def _replaced(line: str | TextureMap, material: MtlMaterial, kept: bool) -> bool:
+    """Tell whether the baked texture replaces that of a line, which may be that of an earlier bake."""
+    if not isinstance(line, TextureMap):
+        return False
+    return not kept or line.keyword == "map_ka" or (line.keyword == "map_kd" and material.texture is None)
 
 
 # float64 positions and UVs, float32 normals; the digits give the same values back.
