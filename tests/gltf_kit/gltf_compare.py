@@ -7,6 +7,7 @@ import numpy as np
 from gltf_kit.gltf_values import VARIANTS, GltfValues, holders, is_surface
 
 INSTANCING, QUANTIZATION = "EXT_mesh_gpu_instancing", "KHR_mesh_quantization"
+FEATURES = "EXT_mesh_features"
 PLACED = ("bufferView", "byteOffset", "count", "min", "max", "sparse")  # of an accessor; the rest tells what it holds
 POOLS = ("textures", "images", "samplers")
 RESOLVED = ("accessors", "bufferViews", "buffers", "meshes", *POOLS, "extensionsUsed", "extensionsRequired")
@@ -15,12 +16,15 @@ RESOLVED = ("accessors", "bufferViews", "buffers", "meshes", *POOLS, "extensions
 def differences(before: GltfValues, after: GltfValues, *, new_normals: bool = False) -> list[str]:
     """Where `after` is not what a bake may make of `before`, each as a path: "/nodes/0/mesh/name: is 'a', was 'b'".
 
-    Vertices may be split and reordered: attributes and morph targets are compared at the corners of every triangle.
+    Vertices may be split and reordered: attributes, morph targets and feature ids are compared at the corners of every
+    triangle.
     Meshes and materials may be doubled: what each node and each primitive shows is compared.
 
     new_normals   others than the document's were asked for
     """
     old, new = _kept(before, new_normals), _kept(after, new_normals)
+    for old_one, new_one in zip(old["animations"], new["animations"], strict=False):
+        new_one["channels"] = new_one["channels"][: len(old_one["channels"])]  # the rest is of copies
     new["materials"] = new["materials"][: len(old["materials"])]
     return list(_unlike(old, new)) + _gone_from_pools(before, after) + _extensions_unlike(before, after, new_normals)
 
@@ -87,7 +91,20 @@ def _primitive(document, primitive, new_normals):
         variants = primitive["extensions"][VARIANTS]
         mappings = [one | {"material": _material(document, document.material(one))} for one in variants["mappings"]]
         kept["extensions"] = primitive["extensions"] | {VARIANTS: variants | {"mappings": mappings}}
+    if FEATURES in primitive.get("extensions", {}) and is_surface(primitive):
+        ids = [_with_ids(document, primitive, one) for one in primitive["extensions"][FEATURES]["featureIds"]]
+        kept["extensions"] = kept["extensions"] | {FEATURES: primitive["extensions"][FEATURES] | {"featureIds": ids}}
     return kept | (_surface(document, primitive, new_normals) if is_surface(primitive) else _dots(document, primitive))
+
+
+def _with_ids(document, primitive, feature):
+    """Feature ids with their numbers at corners, whether these are those of the vertices or in an attribute."""
+    corners = document.corners(primitive)
+    if "attribute" in feature:
+        name = f"_FEATURE_ID_{feature['attribute']}"
+        corners = document.array(primitive["attributes"][name])[corners, 0]
+    ids = {} if "texture" in feature else {"ids": corners.astype("<i8")}
+    return {key: document.followed(value) for key, value in feature.items() if key != "attribute"} | ids
 
 
 def _surface(document, primitive, new_normals):
@@ -132,7 +149,7 @@ def _unlike(before, after, at=""):
                 yield f"{at}/{key}: is gone"
             elif key in before:
                 yield from _unlike(before[key], after[key], f"{at}/{key}")
-            elif not (at.endswith("/attributes") and key.startswith(("NORMAL", "TEXCOORD_"))):
+            elif not (at.endswith("/attributes") and key.startswith(("NORMAL", "TEXCOORD_", "_FEATURE_ID_"))):
                 yield f"{at}/{key}: is new"
     elif isinstance(before, list | tuple) and isinstance(after, list | tuple):
         if len(before) != len(after):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
-from aoprecalc.io.formats.gltf.occlusion_textures import PrimitiveKey, uv_sets_used
+from aoprecalc.io.formats.gltf.occlusion_textures import PrimitiveKey, follow_copies, uv_sets_used
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource, morph_weights
 from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
 from aoprecalc.mesh.topology import corners_to_vertices
@@ -262,6 +262,7 @@ def _separate_meshes(
         if node not in owners_of_node and entry.get("mesh") is not None:
             owners_of_node[node], mesh_of[node] = {}, entry["mesh"]
 
+    copies = list[tuple[int, int]]()
     mesh_for: dict[tuple[int, tuple[tuple[int, Part | bool], ...]], int] = {}
     taken: set[int] = set()
     keys: dict[Part, PrimitiveKey] = {}
@@ -275,10 +276,12 @@ def _separate_meshes(
             if mesh in taken:
                 json["meshes"].append(deepcopy(json["meshes"][mesh]))
                 mesh_for[variant] = len(json["meshes"]) - 1
+                copies.append((mesh, mesh_for[variant]))
             taken.add(mesh)
         json["nodes"][node]["mesh"] = mesh_for[variant]
         for primitive, owner in owners.items():
             keys.setdefault(owner, (mesh_for[variant], primitive))
+    follow_copies(json, "meshes", copies)
     return keys
 
 

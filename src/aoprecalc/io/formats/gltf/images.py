@@ -25,12 +25,14 @@ LINEAR, LINEAR_MIPMAP_LINEAR = 9729, 9987
 
 _MAX_NAMES = 20  # of missing files in a warning
 
-# The types of glTF images by their first bytes; WebP and KTX2 need extensions.
+# The types of glTF images by their first bytes; those after JPEG need extensions.
 _MIME_TYPES = {
-    b"\x89PNG": "image/png",
-    b"\xff\xd8\xff": "image/jpeg",
-    b"RIFF": "image/webp",
-    b"\xabKTX 20\xbb": "image/ktx2",
+    rb"\x89PNG": "image/png",
+    rb"\xff\xd8\xff": "image/jpeg",
+    rb"RIFF....WEBP": "image/webp",
+    rb"\xabKTX 20\xbb": "image/ktx2",
+    rb"DDS ": "image/vnd-ms.dds",
+    rb"....ftypavi[fs]": "image/avif",
 }
 
 
@@ -224,7 +226,7 @@ def _embed(image: Json, buffer: GltfBuffer, data: bytes) -> bool:
 
 
 def _mime_type(data: bytes) -> str | None:
-    return next((kind for start, kind in _MIME_TYPES.items() if data.startswith(start)), None)
+    return next((kind for start, kind in _MIME_TYPES.items() if re.match(start, data, re.DOTALL)), None)
 
 
 def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:

@@ -1,7 +1,7 @@
 """Occlusion textures of glTF materials: assigned when a document is written, alone or packed as ORM, and read back."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +20,7 @@ from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
-VARIANTS, METADATA = "KHR_materials_variants", "EXT_structural_metadata"
+VARIANTS, METADATA, POINTER = "KHR_materials_variants", "EXT_structural_metadata", "KHR_animation_pointer"
 
 _TEXCOORD = "TEXCOORD_"
 
@@ -57,12 +57,12 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     if materials:  # the schema forbids empty lists
         document["materials"] = materials
     replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
+    follow_copies(document, "materials", [(key[0], new) for key, new in made.items() if key[0] is not None])
+    still = _stop_animations(document, [f"/materials/{index}/occlusionTexture/extensions/" for index in made.values()])
     strengths = sorted({_strength(materials[index]) for index, _ in made if index is not None} - {1.0})
     were = f"; their strength is 1, it was {', '.join(f'{strength:g}' for strength in strengths)}" if strengths else ""
-    notes = (
-        (Note(f"the occlusion textures of {counted(replaced, 'material')} were replaced{were}"),) if replaced else ()
-    )
-    return {made[key]: key[1] for key in made}, notes
+    note = f"the occlusion textures of {counted(replaced, 'material')} were replaced{were}"
+    return {made[key]: key[1] for key in made}, (*([Note(note)] if replaced else []), *still)
 
 
 def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: bool = False) -> set[int]:
@@ -157,6 +157,46 @@ def roughness_texture(material: Json) -> Json | None:
 def texture_info(texture: int, texcoord: int) -> Json:
     """Return a textureInfo: the index of a texture and the n of its TEXCOORD_n."""
     return {"index": texture, **({"texCoord": texcoord} if texcoord else {})}
+
+
+# KHR_animation_pointer: channels whose target is any value of the document.
+
+
+def follow_copies(document: Json, kind: str, copies: Iterable[tuple[int, int]]) -> None:
+    """Animate copies of entries as the entries are.
+
+    kind     materials or meshes
+    copies   (index, index of the copy); equal ones are none
+    """
+    copied = [(f"/{kind}/{index}/", f"/{kind}/{copy}/") for index, copy in copies if copy != index]
+    for animation in document.get("animations", []):
+        for channel in list(animation["channels"]):
+            for before, after in copied:
+                if _pointer(channel).startswith(before):
+                    another = deepcopy(channel)
+                    another["target"]["extensions"][POINTER]["pointer"] = _pointer(channel).replace(before, after, 1)
+                    animation["channels"].append(another)
+
+
+def _stop_animations(document: Json, prefixes: Collection[str]) -> tuple[str, ...]:
+    """Remove the channels whose pointers have these prefixes, and animations without others; return a warning."""
+    animations, stopped = document.get("animations", []), 0
+    for animation in animations:
+        stay = [one for one in animation["channels"] if not _pointer(one).startswith(tuple(prefixes))]
+        stopped += len(animation["channels"]) - len(stay)
+        animation["channels"] = stay
+    if not stopped:
+        return ()
+    document["animations"] = [animation for animation in animations if animation["channels"]]
+    if not document["animations"]:  # the schema forbids empty lists
+        del document["animations"]
+    gone = f"{counted(stopped, 'animation channel')} {one_or_many(stopped, 'is', 'are')} gone"
+    return (f"{gone}: the transforms of occlusion textures that were replaced",)
+
+
+def _pointer(channel: Json) -> str:
+    pointer: str = channel["target"].get("extensions", {}).get(POINTER, {}).get("pointer", "")
+    return pointer
 
 
 def _strength(material: Json) -> float:

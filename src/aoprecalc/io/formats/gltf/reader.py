@@ -157,7 +157,8 @@ def read_gltf(path: Path, data: bytes) -> Scene:
 
     Raises InputError where the file is damaged, needs a package that is missing, or has no usable faces.
     """
-    document = decompress(parse_gltf(path, data))
+    parsed = parse_gltf(path, data)
+    document = decompress(parsed)
     check_references(path, document.json)
     nodes = scene_nodes(document)
     materials = MaterialReader(document)
@@ -181,6 +182,8 @@ def read_gltf(path: Path, data: bytes) -> Scene:
                     source = PrimitiveSource(number, node["mesh"], index, matrix[..., :3, :3])
                     pieces.append(_piece(document, own_name, names, shape, matrix, source, material))
     messages: list[str] = [*materials.warnings, *_messages(path, document.json)]
+    if document is not parsed:
+        messages.append(Note("the meshes of the file are compressed, those of a baked copy are not"))
     if skipped:
         messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)

@@ -32,6 +32,8 @@ FLOAT, USHORT, UINT = 5126, 5123, 5125
 
 _PLACED = ("bufferView", "byteOffset", "sparse", "min", "max")  # what an accessor says of its data, not of their type
 
+_TABLES = {"EXT_structural_metadata", "EXT_feature_metadata"}
+
 
 class GltfBuffer:
     """The buffer of a document that is written, with its `bufferViews` and `accessors`.
@@ -41,6 +43,8 @@ class GltfBuffer:
 
     def __init__(self, document: Json, free_accessors: tuple[int, ...] = (), free_views: tuple[int, ...] = ()) -> None:
         """Start with no bytes."""
+        # Tables of EXT_structural_metadata may hold 64-bit numbers.
+        self._alignment = 8 if _TABLES & set(document.get("extensionsUsed", [])) else 4
         self._document = document
         self._bytes = bytearray()
         self._free = {"accessors": list(free_accessors), "bufferViews": list(free_views)}
@@ -51,8 +55,8 @@ class GltfBuffer:
         return bytes(self._bytes)
 
     def append(self, data: bytes | bytearray) -> int:
-        """Append bytes at a multiple of 4; return their offset."""
-        self._bytes += bytes(-len(self._bytes) % 4)
+        """Append bytes at a multiple of 4, or of 8 where extensions need that; return their offset."""
+        self._bytes += bytes(-len(self._bytes) % self._alignment)
         start = len(self._bytes)
         self._bytes += data
         return start

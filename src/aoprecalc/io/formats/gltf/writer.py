@@ -19,6 +19,7 @@ from aoprecalc.io.formats.base import (
     source_colors,
     source_materials,
 )
+from aoprecalc.io.formats.gltf.compression import EXTENSIONS
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document, flip_v
 from aoprecalc.io.formats.gltf.images import (
@@ -183,7 +184,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
             shown = show_texture(document, materials, number)
     assign_textures(document, materials, textures, packed, extras)
     compact(document)
-    _write(outputs, path, document, buffer.data)
+    messages += _write(outputs, path, document, buffer.data)
     return WrittenMesh(_references(materials, shown, packed), tuple(messages))
 
 
@@ -199,16 +200,28 @@ def _references(
     )
 
 
-def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> None:
-    document["buffers"] = [{"byteLength": len(data)}]
+def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> tuple[str, ...]:
+    """Write the document with all data in one buffer; return a warning about names and extras of others."""
+    said = list(filter(None, map(_said, document.get("buffers", []))))
+    document["buffers"] = [{"byteLength": len(data), **(said[0] if said else {})}]
+    warning = f"{path}: one buffer replaces those of the file; it keeps the name and extras of the first"
+    warnings = (warning,) if len(said) > 1 else ()
     if path.suffix.lower() == ".glb":
         text = json.dumps(document, separators=(",", ":")).encode()
         outputs.path(path).write_bytes(glb(text, data))
-        return
+        return warnings
     binary = buffer_file(path)
     document["buffers"][0] = {"uri": binary.name, **document["buffers"][0]}
     outputs.path(binary).write_bytes(data)
     outputs.path(path).write_bytes(json.dumps(document, indent=1).encode() + b"\n")
+    return warnings
+
+
+def _said(buffer: Json) -> Json:
+    """Return what a buffer says beside where its bytes are: name, extras, extensions but for compression."""
+    members = {key: value for key, value in buffer.items() if key not in ("uri", "byteLength", "extensions")}
+    extensions = {name: value for name, value in buffer.get("extensions", {}).items() if name not in EXTENSIONS}
+    return members | ({"extensions": extensions} if extensions else {})
 
 
 def glb(text: bytes, data: bytes) -> bytes:
