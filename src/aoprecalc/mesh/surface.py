@@ -1,4 +1,4 @@
-"""A surface: its normals, its occluders in the unit sphere, where visibility is computed, and random points on it."""
+"""A surface: its normals, its occluders at the scale at which visibility is computed, and random points on it."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
+from aoprecalc.mesh.masked_triangles import cut_triangles
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
 from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.options import Normals
@@ -17,6 +18,7 @@ _STL_ANGLE = 40.0  # STL stores no smooth normals: sharper edges were probably m
 # Twice the area of a face over its longest edge squared, below which doubles cannot tell its direction.
 _MIN_FLATNESS = 1e-12
 _FAR = 8  # extents of a mesh between it and the origin, beyond which positions are stored about an origin of their own
+_MAX_FLOAT = 1e38  # of positions that nobody looks at
 _ZERO, _Z_AXIS = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -152,14 +154,16 @@ def _unit(vectors: Float64Array, empty: tuple[float, float, float] = _Z_AXIS) ->
 
 @dataclass(frozen=True, eq=False)
 class NormalizedSurface:
-    """A surface and its occluders, within 1 of the origin, where 32-bit floats resolve 1e-7.
+    """What receives light within 1 of the origin, where 32-bit floats resolve 1e-7, and what stops it.
 
-    positions          (v, 3) float32; those that neither receive nor occlude may lie farther away
+    positions          (v, 3) float32; those that do not receive may lie farther away
     faces              (f, 3) int32 into positions
     shading_normals    (f, 3, 3) float32: the unit shading normals n at the corners
     geometric_normals  (f, 3) float32: the unit geometric normals g, zero for faces without area
-    occluders          (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light
-    bounding_points    (r, 3) float32: the positions that receive or occlude
+    occluders          (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light, within 1 of the origin
+                       too, or far from it: see `from_scene`
+    receiving_points   (r, 3) float32: the positions that receive
+    has_outer_occluders   something occludes that does not receive, and so may reach beyond the receiving points
     ground_normal      the unit vector away from the infinite ground plane; None where there is none
     """
 
@@ -168,27 +172,40 @@ class NormalizedSurface:
     shading_normals: Float32Array
     geometric_normals: Float32Array
     occluders: Float32Array
-    bounding_points: Float32Array
+    receiving_points: Float32Array
+    has_outer_occluders: bool
     ground_normal: tuple[float, float, float] | None
 
     @classmethod
     def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
-        """Normalize a scene with (f, 3, 3) shading normals."""
-        active = active_positions(scene)
-        center, radius = bounding_sphere(active)
+        """Normalize a scene with (f, 3, 3) shading normals.
 
-        def normalized(positions: Float64Array) -> Float32Array:
-            return ((positions - center) / radius).astype(np.float32)
+        All that receives or occludes lies within 1 of the origin, unless what receives would be smaller than half of
+        that: then it lies within 1/2 of the origin, and large occluders around it are cut, see `cut_by_distance`.
+        """
+        receiving = positions_of(scene, scene.receives)
+        center, radius = bounding_sphere(positions_of(scene, scene.receives | scene.occludes))
+        own_center, own_radius = bounding_sphere(receiving)
+        has_far_occluders = radius > 2 * own_radius
+        if has_far_occluders:
+            center, radius = own_center, 2 * own_radius
 
-        occluders = opaque_triangles(scene)
+        def normalized(positions: Float64Array) -> Float64Array:
+            scaled: Float64Array = (positions - center) / radius
+            return scaled
+
+        occluders = normalized(opaque_triangles(scene))
+        if has_far_occluders:
+            occluders = cut_by_distance(occluders)
         return cls(
-            positions=normalized(scene.positions),
+            positions=np.clip(normalized(scene.positions), -_MAX_FLOAT, _MAX_FLOAT).astype(np.float32),
             faces=scene.faces,
             shading_normals=shading,
             geometric_normals=geometric_normals(scene, shading),
             # Renderers and ray tracers need at least one triangle; this one has no area.
-            occluders=normalized(occluders) if len(occluders) else np.zeros((1, 3, 3), np.float32),
-            bounding_points=normalized(active),
+            occluders=occluders.astype(np.float32) if len(occluders) else np.zeros((1, 3, 3), np.float32),
+            receiving_points=normalized(receiving).astype(np.float32),
+            has_outer_occluders=bool((scene.occludes & ~scene.receives).any()),
             ground_normal=scene.ground_normal,
         )
 
@@ -219,10 +236,9 @@ class NormalizedSurface:
         return positions, normalize(shading), geometric
 
 
-def active_positions(scene: Scene) -> Float64Array:
-    """Return the positions, (r, 3), of the faces that receive or occlude."""
-    active = scene.receives | scene.occludes
-    return scene.positions if active.all() else scene.positions[np.unique(scene.faces[active])]
+def positions_of(scene: Scene, chosen: BoolArray) -> Float64Array:
+    """Return the positions, (r, 3), of the faces in `chosen`, (f,) bool."""
+    return scene.positions if chosen.all() else scene.positions[np.unique(scene.faces[chosen])]
 
 
 def to_unit_sphere(positions: Float64Array) -> Float64Array:
@@ -237,6 +253,59 @@ def bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
     center: Float64Array = (positions.min(axis=0) + positions.max(axis=0)) / 2
     radius = float(np.sqrt(((positions - center) ** 2).sum(axis=1).max()))
     return center, radius if radius > 0 else 1.0
+
+
+# Occluders around what receives.
+
+_NEST = 4.0  # sides of a box over those of the next smaller one
+_BOXES = 11
+_MAX_REACH = _NEST**_BOXES  # 4e6: from where receivers are points, and far enough from the end of 32-bit floats
+
+
+def cut_by_distance(triangles: Float64Array) -> Float64Array:
+    """Cut triangles, (o, 3, 3), so that each is near the origin or not much larger than its distance from it.
+
+    32-bit floats resolve a triangle to 1e-7 of its size: of a floor of 10,000 units that is more than the gap between
+    it and what stands on it. So it is cut at the faces of nested boxes about the origin, of which the smallest reaches
+    to 1 along the axes; what touches a box and reaches beyond the next one is cut. Triangles near the horizon, beyond
+    4e6, are moved towards the origin, from which they look the same.
+    """
+    near = np.maximum(triangles.min(axis=1), -triangles.max(axis=1)).max(axis=1)  # of the bounding box, at most
+    far = np.abs(triangles).max(axis=(1, 2))
+    large = far > _NEST * np.maximum(near, 1)
+    kept, large_ones = [triangles[~large]], triangles[large]
+    for box in reversed(range(_BOXES)):
+        size = _NEST**box
+        touching = (large_ones.min(axis=1) < size).all(axis=1) & (large_ones.max(axis=1) > -size).all(axis=1)
+        cut = touching & (np.abs(large_ones).max(axis=(1, 2)) > _NEST * size)
+        kept.append(large_ones[~touching])
+        waiting, inside = large_ones[touching & ~cut], large_ones[cut]
+        for axis in range(3):
+            for sign in (1, -1):
+                inside, outside = _split(inside, sign * inside[:, :, axis] - size)
+                kept.append(outside)
+        large_ones = np.concatenate([waiting, inside])
+    pieces = np.concatenate([*kept, large_ones])
+    reach = np.abs(pieces).max(axis=2, keepdims=True)
+    nearer: Float64Array = pieces * (_MAX_REACH / np.maximum(reach, _MAX_REACH))
+    return nearer
+
+
+def _split(triangles: Float64Array, values: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Cut (m, 3, 3) triangles where linear values at their corners, (m, 3), are zero; return negative and positive."""
+    negative, positive = (values <= 0).all(axis=1), (values >= 0).all(axis=1)
+    crossed = ~negative & ~positive
+    order, shares = cut_triangles(values[crossed])
+    one, *others = np.take_along_axis(triangles[crossed], order[:, :, None], axis=1).transpose(1, 0, 2)
+    first, second = (one + share[:, None] * (other - one) for share, other in zip(shares.T, others, strict=True))
+    single = np.stack([one, first, second], axis=1)
+    rest = np.stack([first, others[0], others[1], first, others[1], second], axis=1).reshape(-1, 3, 3)
+    above = values[crossed, order[:, 0]] >= 0
+    below_twice = np.repeat(~above, 2)
+    return (
+        np.concatenate([triangles[negative], single[~above], rest[~below_twice]]),
+        np.concatenate([triangles[positive & ~negative], single[above], rest[below_twice]]),
+    )
 
 
 # Points uniform on a surface: a face by its area, then a point in the face (Précalcul, section 1.2.1).

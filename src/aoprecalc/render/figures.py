@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aoprecalc.errors import counted
-from aoprecalc.mesh.surface import active_positions, bounding_sphere
+from aoprecalc.mesh.opaque_triangles import opaque_triangles
+from aoprecalc.mesh.surface import bounding_sphere, positions_of
 from aoprecalc.options import BakeOptions, PreviewOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.resolve import ResolvedTexture, lighter_of_sides, pad_and_fill
@@ -86,11 +87,18 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
     Raises what `bake_scene` raises.
     """
     size = min(baked.shadow_size or options.shadow_size or _RAY_SIZE, MAX_SHADOW_SIZE)
+    scene = baked.scene
+    shown = positions_of(scene, scene.receives | scene.occludes)
+    center, radius = bounding_sphere(shown)
+    corners = opaque_triangles(scene)
+    points, occluders = (
+        ((positions - center) / radius).astype(np.float32)
+        for positions in (shown, corners if len(corners) else np.tile(center, (1, 3, 1)))
+    )
     with open_backend(options, Progress()) as backend:
         setup = BakeSetup(backend, BakeInputs(baked.scene, baked.atlas, baked.normals, options))
-        surface = setup.sides[0].surface
-        projection = upright_projection(direction, up, surface.bounding_points.astype(np.float64), size, _MARGIN)
-        depths = backend.depths(surface, projection, size)[:, ::-1]
+        projection = upright_projection(direction, up, points.astype(np.float64), size, _MARGIN)
+        depths = backend.depths(occluders, projection, size)[:, ::-1]
         sides: list[ResolvedTexture] = []
         for side in setup.sides:
             chunk = min(FIT_CHUNK, len(side.texels))
@@ -100,7 +108,6 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
     visibility = pad_and_fill(
         lighter_of_sides(sides[0], sides[-1]), options.padding, options.fill, repeats=baked.atlas.repeats
     )
-    center, radius = bounding_sphere(active_positions(baked.scene))
     in_units = depths.astype(np.float64) * radius + center @ direction
     return DirectionPass(direction, in_units, float(projection.pitch[0, 0]) * radius, visibility)
 

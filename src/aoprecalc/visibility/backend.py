@@ -55,8 +55,10 @@ class Backend(Protocol):
         """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any."""
         ...
 
-    def depths(self, surface: NormalizedSurface, projection: Projections, size: int) -> Float32Array:
-        """Return the depths of a surface's occluders along one axis, (2, size, size) float32; NaN where there are none.
+    def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
+        """Return the depths of occluders along one axis, (2, size, size) float32; NaN where there are none.
+
+        occluders   (o, 3, 3) float32, o >= 1: corners of triangles within 1 of the origin
 
         The first is the depth nearest to the axis' positive end at the centre of each map texel, the second that
         nearest to its negative end; row 0 has the smallest map y. See `Projections`.
@@ -103,11 +105,11 @@ class GLBackend:
         self._renderer.context.gc()  # frees what an earlier tester has allocated
         return DepthMapTester(self._renderer, surface, max_samples, shadow_size)
 
-    def depths(self, surface: NormalizedSurface, projection: Projections, size: int) -> Float32Array:
+    def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
         """Draw a depth map and read it back."""
         from aoprecalc.visibility.depth_maps import read_depths
 
-        return read_depths(self._renderer.context, surface.occluders, projection, size)
+        return read_depths(self._renderer.context, occluders, projection, size)
 
     def check_errors(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
@@ -137,9 +139,9 @@ class RayBackend:
         """Return a RayTester."""
         return RayTester(surface, self._threads)
 
-    def depths(self, surface: NormalizedSurface, projection: Projections, size: int) -> Float32Array:
+    def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
         """Cast rays from both ends of the axis."""
-        return cast_depths(surface.occluders, projection, size, self._threads)
+        return cast_depths(occluders, projection, size, self._threads)
 
     def check_errors(self) -> None:
         """Do nothing: rays raise their errors at once."""

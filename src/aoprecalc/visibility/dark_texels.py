@@ -85,7 +85,8 @@ def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[
     on_ground = np.zeros(len(faces), bool)
     if surface.ground_normal is not None:
         up = np.asarray(surface.ground_normal)
-        on_ground = by_ground & (points @ up <= (surface.bounding_points @ up).min() + _ON_GROUND)
+        lowest = min((surface.receiving_points @ up).min(), (surface.occluders @ up).min())
+        on_ground = by_ground & (points @ up <= lowest + _ON_GROUND)
     inwards = (front < DARK) & (back >= _OPEN_BACK)
     inside = ~inwards & (front == 0)
     return {

@@ -35,15 +35,19 @@ _NOTHING = -2.0  # instead of a depth, which lies in [-1, 1]
 class DepthMaps:
     """Two targets, one tile for each axis: the depths nearest to its positive and negative end; see map_code.glsl."""
 
-    def __init__(self, context: moderngl.Context, corners: Float32Array, size: int) -> None:
-        """Upload occluders, (o, 3, 3) float32 corners within 1 of the origin; `size` is a map's side in texels."""
+    def __init__(self, context: moderngl.Context, corners: Float32Array, size: int, *, clip: bool = False) -> None:
+        """Upload occluders, (o, 3, 3) float32 corners.
+
+        size   a map's side in texels
+        clip   occluders may lie beyond the maps
+        """
         limit = context.info["GL_MAX_TEXTURE_SIZE"] // size
         tiles = max(1, min(_MAX_BATCH_BYTES // (_MAP_TEXEL_BYTES * size * size), limit * limit, _MAX_BATCH_AXES))
         columns = 2 ** (tiles.bit_length() // 2)
         self.capacity = 2 ** (tiles.bit_length() - 1)
         self._tile_origins = size * np.column_stack(np.divmod(np.arange(self.capacity), columns)[::-1])
         target_size = (size * columns, size * (self.capacity // columns))
-        self._context, self._size = context, size
+        self._context, self._size, self._clip = context, size, clip
         self._textures = [context.texture(target_size, 1, dtype="f4") for _ in range(2)]
         try:
             self._target = context.framebuffer(self._textures)
@@ -56,13 +60,14 @@ class DepthMaps:
         self._small = compute_program(
             context, __package__, "small.comp.glsl", LOCAL_SIZE=_SMALL_LOCAL_SIZE, **constants
         )
+        self._small["last_texel"] = size - 1.0
         self._large = draw_program(context, __package__, "large.vert.glsl", "large.frag.glsl", **constants)
-        self._large["target_size"] = target_size
+        self._target_size = target_size
 
         longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
         # Like sizes together, as invocations run side by side; within them, neighbours write to the same part of a map.
         sizes = np.ceil(np.log2(np.maximum(longest, 1e-9)))
-        order = np.lexsort([morton_codes((511 * (corners.mean(axis=1) + 1)).astype(np.int64)), sizes])
+        order = np.lexsort([morton_codes(np.clip(511 * (corners.mean(axis=1) + 1), 0, 1022).astype(np.int64)), sizes])
         self._longest = np.maximum.accumulate(longest[order])
         self._corners = context.buffer(np.ascontiguousarray(corners[order]))
         normals = np.repeat(face_normals(corners[order].astype(np.float64))[0], 3, axis=0).astype(np.float32)
@@ -91,9 +96,25 @@ class DepthMaps:
         if small < len(self._longest):
             self._context.enable_only(moderngl.BLEND)
             self._context.blend_equation = moderngl.MAX, moderngl.MAX
-            vertices = 3 * (len(self._longest) - small)
-            self._triangles.render(moderngl.TRIANGLES, vertices, first=3 * small, instances=len(projections.rows))
+            self._render_large(projections, small)
             self._context.memory_barrier()  # before the images are read
+
+    def _render_large(self, projections: Projections, small: int) -> None:
+        """Rasterize the triangles that are not small: into all tiles at once, unless some may leave theirs."""
+        count = len(projections.rows)
+        vertices, draw = 3 * (len(self._longest) - small), self._triangles.render
+        self._large["first_axis"] = 0
+        self._large["viewport_size"], self._large["has_tiles"] = self._target_size, 1.0
+        if not self._clip:
+            draw(moderngl.TRIANGLES, vertices, first=3 * small, instances=count)
+            return
+        self._large["viewport_size"], self._large["has_tiles"] = (self._size, self._size), 0.0
+        for axis, (left, low) in enumerate(self._tile_origins[:count].tolist()):
+            # Scissors too: viewports may clip later than at their edges.
+            self._target.viewport = self._target.scissor = left, low, self._size, self._size
+            self._large["first_axis"] = axis
+            draw(moderngl.TRIANGLES, vertices, first=3 * small)
+        self._target.viewport = self._target.scissor = 0, 0, *self._target_size
 
     def read(self) -> Float32Array:
         """Return the depths of the first map that was rendered last, (2, size, size) float32; see `read_depths`."""
@@ -219,9 +240,9 @@ class DepthMapTester:
 
     def __init__(self, renderer: Renderer, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> None:
         """Allocate for `max_samples` at a time and for maps of `shadow_size` texels a side."""
-        self._hull = convex_hull_points(surface.bounding_points.astype(np.float64))
+        self._hull = convex_hull_points(surface.receiving_points.astype(np.float64))
         self._shadow_size, self._ground_normal = shadow_size, surface.ground_normal
-        self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size)
+        self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size, clip=surface.has_outer_occluders)
         self._receivers = ReceiverBuffers(renderer.context, surface, max_samples, self._maps)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.surface import active_positions, area_vectors, normalize
+from aoprecalc.mesh.surface import area_vectors, normalize, positions_of
 from aoprecalc.options import Sampling
 from aoprecalc.types import Atlas, Float64Array, Scene
 
@@ -29,7 +29,7 @@ _SIZING_AXES = 128  # over which the extent of maps is averaged
 
 _ROTATIONS = 16  # about the axis that are tried for the smallest rectangle
 _PARALLEL = 1e-3  # length of the product of two unit vectors below which they count as parallel
-_MARGIN = 1.0  # empty map texels around the occluders, so that no rounding draws into a neighbour's tile
+_MARGIN = 1.0  # map texels around what receives: for the neighbours that are read, and so that rounding leaves no tile
 
 
 def light_axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Float64Array:
@@ -102,7 +102,8 @@ def _stride(count: int) -> int:
     return int(strides[np.argmin(energy)])
 
 
-# Projections: a square depth map for every axis, fitted tightly around the occluders.
+# Projections: a square depth map for every axis, fitted tightly around what receives: what occludes it along the axis
+# lies in the same map texels, however far away.
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +211,7 @@ def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -
     area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.mapped]), axis=1).sum()
     if not texels or not area:
         return MIN_SHADOW_SIZE
-    axes, hull = light_axes(2 * _SIZING_AXES), convex_hull_points(active_positions(scene))
+    axes, hull = light_axes(2 * _SIZING_AXES), convex_hull_points(positions_of(scene, scene.receives))
     pitch = fit_projections(axes, hull, MAX_SHADOW_SIZE).pitch
     side = float(pitch.max(axis=1).mean()) * MAX_SHADOW_SIZE
     fineness = _FINENESS * min(1.0, (directions / _FINE_DIRECTIONS) ** 0.375)

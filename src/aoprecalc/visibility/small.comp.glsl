@@ -13,6 +13,7 @@ layout(r32ui, binding = 1) uniform uimage2D fars;
 
 uniform int axis;  // 5 times its index
 uniform uint triangle_count;
+uniform float last_texel;  // of a map, along either side
 
 vec3 corner(uint at) {
     return project(vec3(corners[at], corners[at + 1u], corners[at + 2u]), axis);
@@ -34,6 +35,8 @@ void main() {
     float min_depth = min(a.z, min(b.z, c.z)), max_depth = max(a.z, max(b.z, c.z));
 
     vec2 first = ceil(min(a.xy, min(b.xy, c.xy)) - 0.5), last = floor(max(a.xy, max(b.xy, c.xy)) - 0.5);
+    first = max(first, 0.0);
+    last = min(last, last_texel);
     if (first.x > last.x) return;
     vec2 cell = first, toward_b = vec2(ac.y, -ac.x) * sign(area), toward_c = vec2(-ab.y, ab.x) * sign(area);
     while (cell.y <= last.y) {
