@@ -1,5 +1,6 @@
 """A surface: its normals, its occluders at the scale at which visibility is computed, and random points on it."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -258,8 +259,8 @@ def bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
 # Occluders around what receives.
 
 _NEST = 4.0  # sides of a box over those of the next smaller one
-_BOXES = 11
-_MAX_REACH = _NEST**_BOXES  # 4e6: from where receivers are points, and far enough from the end of 32-bit floats
+# Of triangles along each axis: seen from there, what receives is a point, and 32-bit floats resolve a map texel.
+_MAX_REACH = 4096.0
 
 
 def cut_by_distance(triangles: Float64Array) -> Float64Array:
@@ -267,15 +268,15 @@ def cut_by_distance(triangles: Float64Array) -> Float64Array:
 
     32-bit floats resolve a triangle to 1e-7 of its size: of a floor of 10,000 units that is more than the gap between
     it and what stands on it. So it is cut at the faces of nested boxes about the origin, of which the smallest reaches
-    to 1 along the axes; what touches a box and reaches beyond the next one is cut. Triangles near the horizon, beyond
-    4e6, are moved towards the origin, from which they look the same.
+    to 1 along the axes; what touches a box and reaches beyond the next one is cut. Corners beyond 4096 are moved
+    straight towards the origin, from where everything looks the same.
     """
     near = np.maximum(triangles.min(axis=1), -triangles.max(axis=1)).max(axis=1)  # of the bounding box, at most
     far = np.abs(triangles).max(axis=(1, 2))
     large = far > _NEST * np.maximum(near, 1)
     kept, large_ones = [triangles[~large]], triangles[large]
-    for box in reversed(range(_BOXES)):
-        size = _NEST**box
+    boxes = math.ceil(math.log(far[large].max(initial=1.0), _NEST))
+    for size in _NEST ** np.arange(boxes)[::-1]:
         touching = (large_ones.min(axis=1) < size).all(axis=1) & (large_ones.max(axis=1) > -size).all(axis=1)
         cut = touching & (np.abs(large_ones).max(axis=(1, 2)) > _NEST * size)
         kept.append(large_ones[~touching])
