@@ -4,9 +4,8 @@ trimesh's reader is not used: it refuses binary files that mix triangles with ot
 and reorders the vertices where there are UVs.
 """
 
-import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +19,38 @@ from aoprecalc.io.formats.base import (
     MeshFormat,
     MeshWithAo,
     PartOcclusion,
+    PartSource,
     SourceDocument,
+    SourceMaterial,
     TextureReference,
     WrittenMesh,
     first_uvs,
     output_uvs,
     same_file,
+    source_colors,
     source_polygons,
 )
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
-from aoprecalc.io.formats.files import FileSearch
-from aoprecalc.io.formats.ply_table import TYPES, Element, Lists, Property, Table, element_bytes, read_table
-from aoprecalc.io.formats.polygons import NewUvs, Polygons, cut_note, lost_faces, polygon_triangles, strip_triangles
+from aoprecalc.io.formats.ply_table import (
+    TYPES,
+    Element,
+    Lists,
+    Property,
+    Table,
+    element_bytes,
+    read_header,
+    read_table,
+)
+from aoprecalc.io.formats.polygons import (
+    NewUvs,
+    OutputFaces,
+    Polygons,
+    cut_note,
+    lost_faces,
+    polygon_triangles,
+    strip_triangles,
+)
+from aoprecalc.io.images import is_baked
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note
@@ -39,32 +58,17 @@ from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import BaseColor, Float32Array, Float64Array, Int64Array, Part, Scene
 
 VERTEX_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
-VERTEX_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+# Red, green and blue of vertices or faces, and alpha.
+COLORS = {
+    ("red", "green", "blue"): "alpha",
+    ("diffuse_red", "diffuse_green", "diffuse_blue"): "diffuse_alpha",
+    ("r", "g", "b"): "a",
+}
 VERTEX_NORMALS = ("nx", "ny", "nz")
 FACE_LISTS = ("vertex_indices", "vertex_index")
-
+_OWN_LISTS = (*FACE_LISTS, "texcoord")
 
 _REWRITTEN = ("vertex", "face", "tristrips")  # elements that the writer makes anew
-
-
-@dataclass(frozen=True)
-class _Header:
-    """A header and the bytes after it.
-
-    order     the byte order of `body`, < or >; or ascii
-    comments  its lines `comment` and `obj_info`, except the one that names its texture
-    texture   what the first `comment TextureFile` names, as MeshLab writes it
-    """
-
-    elements: list[Element]
-    order: str
-    body: bytes
-    comments: tuple[str, ...]
-    texture: str | None
-
-    def texture_path(self, path: Path) -> Path | None:
-        """Return the file of the texture of the PLY at `path`."""
-        return None if self.texture is None else FileSearch(path.parent).place(self.texture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,23 +77,37 @@ class PlyDocument(SourceDocument):
 
     `polygons` has its faces, then the triangles of its strips; their corners are in Part.vertices.
 
-    vertices   the scalar properties of the vertices: name -> (n,) values
-    faces      the scalar properties of the polygons: name -> (p,) values, 0 for the triangles of strips
-    others     the elements beside vertices, faces and strips
-    comments   its lines `comment` and `obj_info`, except the one that names its texture
-    texture    the file that a `comment TextureFile` names
+    vertices      the scalar properties of the vertices: name -> (n,) values
+    faces         the scalar properties of the polygons: name -> (p,) values, 0 for the triangles of strips
+    others        the elements beside vertices, faces and strips
+    comments      its lines `comment` and `obj_info`, except those that name textures
+    textures      the pictures that each `comment TextureFile` names
+    occlusion     the one of them that was baked, which is not among `textures`
+    vertex_lists  the list properties of the vertices
+    face_lists    those of the polygons, beside their vertices and UVs; empty for the triangles of strips
     """
 
     vertices: dict[str, NDArray[Any]]
     faces: dict[str, NDArray[Any]]
     others: tuple[tuple[Element, Table], ...] = ()
     comments: tuple[str, ...] = ()
-    texture: Path | None = None
+    textures: tuple[Path, ...] = ()
+    occlusion: Path | None = None
+    vertex_lists: Mapping[str, Lists] = field(default_factory=dict)
+    face_lists: Mapping[str, Lists] = field(default_factory=dict)
+
+    def colors(self, scene: Scene) -> Float32Array | None:
+        """Return the linear colours of the vertices, else of the faces; with alpha where one is not 1."""
+        if (colors := _colors(self.vertices)) is not None:
+            return np.concatenate([colors[part.vertices] for part in scene.parts])
+        if (colors := _colors(self.faces)) is not None:
+            return colors[self.polygons.owners][:, None].repeat(3, axis=1)
+        return None
 
 
 def read_ply(path: Path, data: bytes) -> Scene:
     """Read a PLY file of the given bytes; raises InputError where it is damaged or has no usable faces."""
-    header = ply_header(path, data)
+    header = read_header(path, data)
     tables = read_table(path, header.elements, header.body, header.order)
     columns = tables.get("vertex", Table({}, {})).columns
     if not all(axis in columns for axis in "xyz"):
@@ -97,12 +115,15 @@ def read_ply(path: Path, data: bytes) -> Scene:
     positions = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
 
     polygons, vertices, corner_uvs = _faces(positions, tables)
-    face_columns = tables.get("face", Table({}, {})).columns if len(polygons.counts) else {}
+    face = tables.get("face", Table({}, {})) if len(polygons.counts) else Table({}, {})
+    face_columns, face_lists = face.columns, {name: face.lists[name] for name in face.lists if name not in _OWN_LISTS}
     strips = _strips(tables)
     if len(strips):
         polygons, corner_uvs = polygons.concatenate(Polygons.of_triangles(len(strips))), None
         vertices = np.concatenate([vertices, strips])
         face_columns = {name: np.pad(column, (0, len(strips))) for name, column in face_columns.items()}
+        padded = {name: np.pad(entries.counts, (0, len(strips))) for name, entries in face_lists.items()}
+        face_lists = {name: Lists(padded[name], entries.values) for name, entries in face_lists.items()}
     check_indices(path, vertices, len(positions))
     if names := uv_names(columns):
         corner_uvs = np.column_stack([columns[name] for name in names])[vertices]
@@ -112,11 +133,26 @@ def read_ply(path: Path, data: bytes) -> Scene:
 
     uv_sets = () if corner_uvs is None else (corner_uvs,)
     others = tuple((e, tables[e.name]) for e in header.elements if e.name in tables and e.name not in _REWRITTEN)
-    texture = header.texture_path(path)
-    document = PlyDocument(polygons, {}, columns, face_columns, others, header.comments, texture)
-    return build_scene(
-        path, "ply", [MeshPiece("mesh", positions, vertices, normals, uv_sets)], document, lost_faces(polygons.counts)
+    files = header.texture_files(path)
+    textures = tuple(file for file in files if not is_baked(file))
+    messages: list[str] = [*lost_faces(polygons.counts)]
+    if len(textures) > 1 and len(np.unique(face_columns.get(_TEXTURE_NUMBER, ()))) > 1:
+        messages.append(f"its faces have {len(textures)} textures: only {textures[0].name} reaches a GLB or a preview")
+    shown = {textures[0].stem: SourceMaterial(textures[0].stem, texture=textures[0])} if textures and uv_sets else {}
+    document = PlyDocument(
+        polygons,
+        shown,
+        columns,
+        face_columns,
+        others,
+        header.comments,
+        textures,
+        next((file for file in files if file not in textures), None),
+        tables["vertex"].lists,
+        face_lists,
     )
+    piece = MeshPiece("mesh", positions, vertices, normals, uv_sets, PartSource(next(iter(shown), None)))
+    return build_scene(path, "ply", [piece], document, messages)
 
 
 def uv_names(columns: Collection[str]) -> tuple[str, ...]:
@@ -152,41 +188,6 @@ def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
     return strip_triangles(np.insert(lists.values.astype(np.int64), ends, -1))
 
 
-def ply_header(path: Path, data: bytes) -> _Header:
-    """Return the header of a PLY file of the given bytes; raises InputError where it is damaged."""
-    end = data.find(b"end_header")
-    line_end = data.find(b"\n", end)
-    if not data.startswith(b"ply") or end < 0 or line_end < 0:
-        raise damaged_file(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
-    order, texture = "", None
-    elements: list[Element] = []
-    comments: list[str] = []
-    for line in re.split("[\r\n]+", data[:end].decode("utf-8", "surrogateescape")):
-        words = line.split()
-        if words[:1] == ["format"] and len(words) >= 2:
-            order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
-        elif words[:1] == ["element"]:
-            elements.append(Element(words[1], int(words[2]), []))
-        elif words[:1] == ["property"]:
-            elements[-1].properties.append(_property(path, words))
-        elif words[:2] == ["comment", "TextureFile"] and len(words) > 2:
-            texture = texture or line.split(None, 2)[2].rstrip()
-        elif words[:1] in (["comment"], ["obj_info"]):
-            comments.append(line)
-    if not order:
-        raise damaged_file(path, "its PLY header names no known format, ascii or binary was expected")
-    return _Header(elements, order, data[line_end + 1 :], tuple(comments), texture)
-
-
-def _property(path: Path, words: Sequence[str]) -> Property:
-    try:
-        if words[1] == "list":
-            return Property(words[4], words[3], words[2])
-        return Property(words[2], words[1])
-    except (IndexError, KeyError):
-        raise damaged_file(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None
-
-
 # Writing: binary, with one normal and one UV (s, t) for each vertex.
 
 Columns = dict[str, NDArray[Any]]
@@ -200,10 +201,11 @@ _MAX_UCHAR_COUNT = 255  # the longest list whose count is a uchar
 def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...]:
     """Write a PLY whose vertices are split where UVs or normals differ.
 
-    Everything else of a PLY source is kept except list properties: the vertices in their order (those that a split
-    adds come after them), the scalar properties of vertices and faces, other elements, comments. A polygon is cut into
+    Everything else of a PLY source is kept: the vertices in their order (those that a split adds come after them), the
+    properties of vertices and faces, other elements, comments. A polygon is cut into
     its triangles where a seam runs through it, or where other programs would cut it in other ways than the bake, as a
-    note says. A `comment TextureFile` names the texture, as in MeshLab's files.
+    note says. A `comment TextureFile` names the texture, as in MeshLab's files; where UVs were kept it comes after
+    those of the source, which programs show, as faces have the first unless they say otherwise.
     """
     scene, atlas, normals = mesh.scene, mesh.atlas, mesh.normals
     if isinstance(scene.document, PlyDocument):
@@ -225,22 +227,33 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
             old = columns.get(name, np.zeros(len(origin))).astype(np.float32)
             columns[name] = np.where(first >= 0, column[first], old)
 
-    face_values = {name: values[faces.owners] for name, values in document.faces.items() if name != _TEXTURE_NUMBER}
-    length = "uchar" if faces.counts.max() <= _MAX_UCHAR_COUNT else "int"
+    kept = document.textures if atlas.uv_set is not None else ()
+    face_values = {
+        name: values[faces.owners] for name, values in document.faces.items() if kept or name != _TEXTURE_NUMBER
+    }
+    face_lists = {name: _face_list(document.polygons, faces, entries) for name, entries in document.face_lists.items()}
+    face_lists["vertex_indices"] = Lists(faces.counts, vertices)
+    vertex_lists = {name: entries.take(origin) for name, entries in document.vertex_lists.items()}
     elements = [
-        (_element("vertex", len(origin), columns), Table(columns, {})),
-        (
-            _element("face", len(faces.counts), face_values, Property("vertex_indices", "int", length)),
-            Table(face_values, {"vertex_indices": Lists(faces.counts, vertices)}),
-        ),
+        (_element("vertex", len(origin), columns, vertex_lists), Table(columns, vertex_lists)),
+        (_element("face", len(faces.counts), face_values, face_lists), Table(face_values, face_lists)),
         *document.others,
     ]
     header = ["ply", "format binary_little_endian 1.0", *document.comments]
-    header += [f"comment TextureFile {relative_path(mesh.texture, path)}"]
+    header += [f"comment TextureFile {relative_path(texture, path)}" for texture in (*kept, mesh.texture)]
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
     return cut_note(faces)
+
+
+def _face_list(polygons: Polygons, faces: OutputFaces, entries: Lists) -> Lists:
+    """Return a list property of the faces to write: of each corner where its lists are as long as the polygons."""
+    width = int(entries.counts[0] // polygons.counts[0]) if len(entries.counts) else 0
+    if width < 1 or not np.array_equal(entries.counts, width * polygons.counts):
+        return entries.take(faces.owners)
+    corners = polygons.triangles.reshape(-1)[faces.corners]
+    return Lists(width * faces.counts, entries.values.reshape(-1, width)[corners].reshape(-1))
 
 
 def _new_document(scene: Scene) -> PlyDocument:
@@ -277,9 +290,13 @@ def _split(origins: Int64Array, count: int, *values: NDArray[Any]) -> tuple[Int6
     return new_vertex[inverse], first, origin
 
 
-def _element(name: str, count: int, columns: Columns, *lists: Property) -> Element:
-    scalars = [Property(name, _TYPE_NAMES[values.dtype.str[1:]]) for name, values in columns.items()]
-    return Element(name, count, [*lists, *scalars])
+def _element(name: str, count: int, columns: Columns, lists: Mapping[str, Lists]) -> Element:
+    properties = [Property(name, _TYPE_NAMES[values.dtype.str[1:]]) for name, values in columns.items()]
+    for list_name, entries in lists.items():
+        kind = "int" if list_name == "vertex_indices" else _TYPE_NAMES[entries.values.dtype.str[1:]]
+        length = "uchar" if entries.counts.max(initial=0) <= _MAX_UCHAR_COUNT else "int"
+        properties.insert(0 if list_name == "vertex_indices" else len(properties), Property(list_name, kind, length))
+    return Element(name, count, properties)
 
 
 class PlyFormat(MeshFormat):
@@ -298,14 +315,13 @@ class PlyFormat(MeshFormat):
         return read_ply(path, data)
 
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
-        """Return the texture that it names."""
-        texture = ply_header(path, data).texture_path(path)
-        return [] if texture is None else [texture]
+        """Return the textures that it names."""
+        return list(read_header(path, data).texture_files(path))
 
     def source_files(self, scene: Scene) -> list[Path]:
-        """Return the PLY and its texture."""
-        texture = _document(scene).texture
-        return [scene.path, *([] if texture is None else [texture])]
+        """Return the PLY and its textures."""
+        document = _document(scene)
+        return [scene.path, *document.textures, *([] if document.occlusion is None else [document.occlusion])]
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a PLY; see `write_ply`."""
@@ -318,39 +334,51 @@ class PlyFormat(MeshFormat):
         without = (
             f"{counted(others, 'part')} without ambient occlusion {one_or_many(others, 'shows', 'show')} it as well"
         )
-        shown = f"{path}: PLY holds one texture; {without}; write a .glb"
-        return (*([shown] if others else []), *super().losses(path, mesh))
+        lost = [f"{path}: PLY holds one texture; {without}; write a .glb"] if others else []
+        document = mesh.scene.document
+        if isinstance(document, PlyDocument) and document.textures and mesh.atlas.uv_set is None:
+            names = ", ".join(map(str, document.textures))
+            lost.append(f"{path}: names no longer {names}, as the baked texture lies on new UVs; write a .glb for both")
+        return (*lost, *super().losses(path, mesh))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the texture of the PLY."""
-        path = _document(scene).texture
+        document = _document(scene)
+        path = document.occlusion or next(iter(document.textures), None)
         return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
         """Return the texture and the colours of the vertices, which count as sRGB."""
-        document = _document(scene)
-        texture = None
-        if document.texture is not None and scene.uvs is not None and not same_file(document.texture, occlusion):
-            texture = images.get(ImageSource(str(document.texture), document.texture))
-        colors = _vertex_colors(document.vertices)
+        document, colors = _document(scene), source_colors(scene)
+        file, texture = next(iter(document.textures), None), None
+        if file is not None and scene.uvs is not None and not same_file(file, occlusion):
+            texture = images.get(ImageSource(str(file), file))
         return tuple(
             BaseColor(
                 texture=texture,
                 uvs=None if texture is None else first_uvs(scene, part),
-                corners=None if colors is None else colors[part.vertices],
+                corners=None if colors is None else colors[part.faces, :, :3],
             )
             for part in scene.parts
         )
 
 
-def _vertex_colors(columns: Columns) -> Float32Array | None:
-    """Return the linear colours of the vertices, (n, 3) float32; None where there are none."""
-    for names in VERTEX_COLORS:
+def _colors(columns: Columns) -> Float32Array | None:
+    """Return the linear colours of vertices or faces, (n, 3) float32, with alpha where one is not 1; None without."""
+    for names, alpha in COLORS.items():
         if all(name in columns for name in names):
-            values = np.column_stack([columns[name] for name in names])
-            whole = values.dtype.kind == "u"
-            return linear_from_srgb(values / np.iinfo(values.dtype).max if whole else np.nan_to_num(values))
+            values = [_fractions(columns[name]) for name in names]
+            linear = linear_from_srgb(np.column_stack(values))
+            opacity = _fractions(columns[alpha])[:, None] if alpha in columns else np.ones((0, 1))
+            return linear if np.all(opacity == 1) else np.concatenate([linear, opacity], axis=1, dtype=np.float32)
     return None
+
+
+def _fractions(values: NDArray[Any]) -> Float64Array:
+    """Return values in [0, 1]: integers are divided by their maximum."""
+    if values.dtype.kind in "iu":
+        return np.clip(values / np.float64(np.iinfo(values.dtype).max), 0, 1)
+    return np.clip(np.nan_to_num(values.astype(np.float64)), 0, 1)
 
 
 def _document(scene: Scene) -> PlyDocument:

@@ -1,13 +1,16 @@
-"""The body of a PLY file: rows of numbers and lists, read and written."""
+"""The header of a PLY file, and its body: rows of numbers and lists, read and written."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.files import FileSearch
 from aoprecalc.types import Int64Array
 
 TYPES = {
@@ -52,12 +55,78 @@ class Element:
         return [f"element {self.name} {self.count}", *(prop.line for prop in self.properties)]
 
 
+@dataclass(frozen=True)
+class Header:
+    """A header and the bytes after it.
+
+    order     the byte order of `body`, < or >; or ascii
+    comments  its lines `comment` and `obj_info`, except those that name textures
+    textures  what each `comment TextureFile` names, as MeshLab writes it
+    """
+
+    elements: list[Element]
+    order: str
+    body: bytes
+    comments: tuple[str, ...]
+    textures: tuple[str, ...]
+
+    def texture_files(self, path: Path) -> tuple[Path, ...]:
+        """Return the files of the textures of the PLY at `path`, existing or not."""
+        search = FileSearch(path.parent)
+        return tuple(dict.fromkeys(file for name in self.textures if (file := search.place(name)) is not None))
+
+
+_END = re.compile(rb"end_header[ \t]*(\r\n|\n|\r)")
+
+
+def read_header(path: Path, data: bytes) -> Header:
+    """Return the header of a PLY file of the given bytes; raises InputError where it is damaged."""
+    end = _END.search(data)
+    if not data.startswith(b"ply") or end is None:
+        raise damaged_file(path, "a PLY header from 'ply' to 'end_header' was expected and is not there")
+    order = ""
+    elements: list[Element] = []
+    comments: list[str] = []
+    textures: list[str] = []
+    for line in re.split("[\r\n]+", data[: end.start()].decode("utf-8", "surrogateescape")):
+        words = line.split()
+        if words[:1] == ["format"] and len(words) >= 2:
+            order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
+        elif words[:1] == ["element"]:
+            elements.append(Element(words[1], int(words[2]), []))
+        elif words[:1] == ["property"]:
+            elements[-1].properties.append(_property(path, words))
+        elif words[:2] == ["comment", "TextureFile"] and len(words) > 2:
+            textures.append(line.split(None, 2)[2].rstrip())
+        elif words[:1] in (["comment"], ["obj_info"]):
+            comments.append(line)
+    if not order:
+        raise damaged_file(path, "its PLY header names no known format, ascii or binary was expected")
+    return Header(elements, order, data[end.end() :], tuple(comments), tuple(textures))
+
+
+def _property(path: Path, words: Sequence[str]) -> Property:
+    try:
+        if words[1] == "list":
+            return Property(words[4], words[3], words[2])
+        return Property(words[2], words[1])
+    except (IndexError, KeyError):
+        raise damaged_file(path, f"its PLY header says {' '.join(words)!a}, a property was expected") from None
+
+
 @dataclass(frozen=True, eq=False)
 class Lists:
     """A list for every row: concatenated `values`, and the length of each list, `counts` (rows,)."""
 
     counts: Int64Array
     values: NDArray[Any]
+
+    def take(self, rows: Int64Array) -> Self:
+        """Return the lists of some rows."""
+        counts = self.counts[rows]
+        starts = np.cumsum(self.counts) - self.counts
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return type(self)(counts, self.values[np.repeat(starts[rows], counts) + within])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.io.formats.ply import ply_header
-from aoprecalc.io.formats.ply_table import read_table
+from aoprecalc.io.formats.ply_table import read_header, read_table
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options.fields import format_bytes
 from aoprecalc.types import Float64Array, SphereSet
@@ -277,7 +276,7 @@ def read_ply_points(path: Path) -> tuple[Float64Array, Float64Array]:
     """
     data = read_file(path)
     try:
-        header = ply_header(path, data)
+        header = read_header(path, data)
         tables = read_table(path, header.elements, header.body, header.order)
         columns = tables["vertex"].columns if "vertex" in tables else {}
     except InputError:
