@@ -2,6 +2,8 @@
 the places at multiples of 8 bytes that 64-bit numbers of metadata need. Animations of a replaced texture stayed.
 """
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -116,3 +118,13 @@ def test_tables_of_metadata_lie_at_multiples_of_8(maker):
         start = view["byteOffset"]
         assert document.bytes_at(None)[start : start + 24] == np.arange(3, dtype="<u8").tobytes()
     assert new_issues(source, document.path) == []
+
+
+def test_chunks_of_other_kinds_are_told_to_be_lost(maker):
+    maker.node(mesh=maker.mesh(corner(maker, STACKED)))
+    source = maker.save()
+    data = source.read_bytes()
+    chunk = struct.pack("<II", 4, 0x584D5000) + b"data"
+    source.write_bytes(data[:8] + struct.pack("<I", len(data) + len(chunk)) + data[12:] + chunk)
+    (warning,) = load_scene(source).warnings
+    assert warning == f"{source} has 1 chunk beside JSON and BIN, which a baked copy lacks"

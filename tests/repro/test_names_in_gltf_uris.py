@@ -86,6 +86,8 @@ MISNAMED = {
     "Textures/WOOD.png": "textures/Wood.png",
     r"Textures\\wood.PNG": "textures/Wood.png",
     "wood%20.png": "wood%20.png",
+    "textures/Wood.png?v=3#page": "textures/Wood.png",
+    "maps/of/wood.png": "Wood.png",
     "wo\N{COMBINING DIAERESIS}od.png": "w\N{LATIN SMALL LETTER O WITH DIAERESIS}od.png",
     "./sub/..\\TEXTURES/wood%2Epng": "textures/Wood.png",
 }

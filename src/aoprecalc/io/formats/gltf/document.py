@@ -10,11 +10,10 @@ import json
 import os
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
-from unicodedata import normalize
 from urllib.parse import unquote
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.builder import damaged_file
-from aoprecalc.io.formats.files import file_beside, read_file
+from aoprecalc.io.formats.files import FileSearch, file_beside, read_file
 from aoprecalc.system import may_name_a_file
 from aoprecalc.types import Float64Array
 
@@ -82,13 +81,15 @@ def local_file(path: Path, uri: str) -> Path | None:
     named = _named_file(path, unquote(uri, errors="surrogateescape")) if _is_relative(uri) else None
     if named is None or os.path.exists(named):  # which, unlike Path.exists, takes names of any length
         return named
-    return next((file for file in _meant_files(path, uri) if os.path.exists(file)), named)
+    found = map(FileSearch(path.parent).find, (unquote(uri), uri, unquote(re.split("[?#]", uri)[0])))
+    return next(filter(None, found), named)
 
 
 def misnamed_files(path: Path, document: Json) -> list[tuple[str, Path]]:
     """Return (URI, file) for each file of buffers and images that is not quite at its URI, but was found.
 
-    Its name is not percent-encoded, has backslashes or is written in other capitals, as Windows accepts them.
+    Its name is not percent-encoded, has backslashes or is written in other capitals, as Windows accepts them, has a
+    query behind it, or lacks its folder.
     """
     found = [(uri, local_file(path, uri)) for uri in _uris(document)]
     return [(uri, file) for uri, file in found if file is not None and is_misnamed(path, uri, file)]
@@ -108,36 +109,6 @@ def _named_file(path: Path, name: str) -> Path | None:
     parts = [part for part in re.split(r"[/\\]", name) if part not in ("", ".", "..")]
     is_absolute = bool(PureWindowsPath(name).root)
     return file_beside(path.parent, name) if not is_absolute and all(map(may_name_a_file, parts)) else None
-
-
-def _meant_files(path: Path, uri: str) -> Iterator[Path]:
-    """Yield what a wrong URI may mean: the name as it is written, forward slashes, the same in other capitals."""
-    decoded = unquote(uri, errors="surrogateescape")
-    names = dict.fromkeys([uri, decoded.replace("\\", "/"), uri.replace("\\", "/")])
-    yield from filter(None, (_named_file(path, name) for name in names))
-    yield from filter(
-        None, (_other_capitals(path.parent, name.split("/")) for name in names if _named_file(path, name))
-    )
-
-
-def _other_capitals(folder: Path, names: Sequence[str]) -> Path | None:
-    """Return the file below a folder whose path has these names in any capitals; the first by name if several do."""
-    file = folder
-    for name in names:
-        if name in ("", ".", "..") or os.path.exists(file / name):
-            file /= name
-            continue
-        try:
-            alike = min(entry.name for entry in file.iterdir() if _folded(entry.name) == _folded(name))
-        except (OSError, ValueError):
-            return None
-        file /= alike
-    return file
-
-
-def _folded(name: str) -> str:
-    """Return a name without differences of capitals, or of composed and decomposed characters (as macOS has them)."""
-    return normalize("NFC", normalize("NFC", name).casefold())
 
 
 def _files(path: Path, document: Json) -> list[Path]:
@@ -177,16 +148,30 @@ def _split_glb(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
     if length > len(data):
         raise damaged_file(path, f"{length} bytes were expected, but it has {len(data)}")
     chunks: dict[int, bytes] = {}
-    at = 12
-    while at + 8 <= length:
-        size, kind = struct.unpack_from("<II", data, at)
-        if at + 8 + size > length:
-            raise damaged_file(path, f"a chunk of {size} bytes was expected, but {length - at - 8} are left")
-        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
-        at += 8 + size
+    for kind, chunk in _chunks(path, data[:length]):
+        chunks.setdefault(kind, chunk)
     if JSON_CHUNK not in chunks:
         raise damaged_file(path, "a JSON chunk was expected and is not there")
     return chunks[JSON_CHUNK], chunks.get(BIN_CHUNK)
+
+
+def _chunks(path: Path, data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the type and the bytes of each chunk of a GLB."""
+    at = 12
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + size > len(data):
+            raise damaged_file(path, f"a chunk of {size} bytes was expected, but {len(data) - at - 8} are left")
+        yield kind, data[at + 8 : at + 8 + size]
+        at += 8 + size
+
+
+def unknown_chunks(path: Path, data: bytes) -> int:
+    """Return how many chunks of a file are neither of the two that the specification defines; 0 if it is no GLB."""
+    if not data.startswith(MAGIC):
+        return 0
+    chunks = list(_chunks(path, data[: struct.unpack_from("<I", data, 8)[0]]))
+    return len(chunks) - len({kind for kind, _ in chunks} & {JSON_CHUNK, BIN_CHUNK})
 
 
 def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes:

@@ -1,5 +1,6 @@
 """Textures and materials of a glTF document that is read: images, UV transforms, alpha masks, transparency, colours."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,7 +90,14 @@ def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
     return _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
 
 
-TRANSMISSION, UNLIT = "KHR_materials_transmission", "KHR_materials_unlit"
+TRANSMISSION, UNLIT, VARIANTS = "KHR_materials_transmission", "KHR_materials_unlit", "KHR_materials_variants"
+
+
+def material_holders(primitive: Json) -> Iterator[Json]:
+    """Yield the objects that refer to a material: the primitive itself and the mappings of its variants."""
+    yield primitive
+    yield from primitive.get("extensions", {}).get(VARIANTS, {}).get("mappings", [])
+
 
 _OPAQUE: Float32Array = np.ones((1, 1), np.float32)
 
@@ -117,7 +125,7 @@ class MaterialReader:
         extensions, mode = material.get("extensions", {}), material.get("alphaMode", "OPAQUE")
         return Material(
             transparent=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
-            unlit=UNLIT in extensions,
+            unlit=all(UNLIT in self._material(each).get("extensions", {}) for each in material_holders(primitive)),
             foliage=mode == "MASK" and bool(material.get("doubleSided")),
             alpha_mask=self._alpha_mask(primitive, material, vertices) if mode == "MASK" else None,
         )

@@ -12,7 +12,7 @@ from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
-from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, texture_image, texture_wraps
+from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, material_holders, texture_image, texture_wraps
 from aoprecalc.io.formats.gltf.reader import part_primitive
 from aoprecalc.io.images import EXTRAS, options_document, png_bytes
 from aoprecalc.options import ValueOptions
@@ -20,7 +20,7 @@ from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
-VARIANTS, METADATA, POINTER = "KHR_materials_variants", "EXT_structural_metadata", "KHR_animation_pointer"
+METADATA, POINTER = "EXT_structural_metadata", "KHR_animation_pointer"
 
 _TEXCOORD = "TEXCOORD_"
 
@@ -42,12 +42,12 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
         for mesh_index, mesh in enumerate(document["meshes"])
         for index, primitive in enumerate(mesh["primitives"])
         if (mesh_index, index) not in texcoords
-        for holder in _holders(primitive)
+        for holder in material_holders(primitive)
         if "material" in holder
     }
     made: dict[tuple[int | None, int], int] = {}
     for (mesh_index, index), texcoord in texcoords.items():
-        for holder in _holders(document["meshes"][mesh_index]["primitives"][index]):
+        for holder in material_holders(document["meshes"][mesh_index]["primitives"][index]):
             key = (holder.get("material"), texcoord)
             if key[0] is not None and UNLIT in materials[key[0]].get("extensions", {}):
                 continue
@@ -72,7 +72,7 @@ def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: boo
     """
     extensions = primitive.get("extensions", {})
     holders: list[Any] = [extensions]
-    for holder in _holders(primitive):
+    for holder in material_holders(primitive):
         if "material" in holder:
             material = document.entry("materials", holder["material"])
             stays = with_occlusion or UNLIT in material.get("extensions", {})
@@ -211,12 +211,6 @@ def _own_material(materials: list[Json], index: int | None, taken: set[int]) -> 
         return index
     materials.append({} if index is None else deepcopy(materials[index]))
     return len(materials) - 1
-
-
-def _holders(primitive: Json) -> Iterator[Json]:
-    """Yield the objects that refer to a material: the primitive itself and the mappings of its variants."""
-    yield primitive
-    yield from primitive.get("extensions", {}).get(VARIANTS, {}).get("mappings", [])
 
 
 # ORM: occlusion, roughness and metalness in the R, G and B channels of one image, from which glTF reads them.

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.gltf.compression import decompress
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, misnamed_files, parse_gltf, raw_values
+from aoprecalc.io.formats.gltf.document import (
+    GltfDocument,
+    Json,
+    float_values,
+    misnamed_files,
+    parse_gltf,
+    raw_values,
+    unknown_chunks,
+)
 from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
@@ -184,6 +192,8 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     messages: list[str] = [*materials.warnings, *_messages(path, document.json)]
     if document is not parsed:
         messages.append(Note("the meshes of the file are compressed, those of a baked copy are not"))
+    if others := unknown_chunks(path, data):
+        messages.append(f"{path} has {counted(others, 'chunk')} beside JSON and BIN, which a baked copy lacks")
     if skipped:
         messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
