@@ -120,6 +120,7 @@ class Scene:
     uv_sets        each (f, 3, 2) float64, v upwards (row 0 of an image is at v = 1), (0, 0) where a face has none
     parts          consecutive faces that cover the scene
     document       the original file as its reader keeps it, to write it back; opaque to others
+    welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings       lines for the user about the input that may need an action
     notes          lines about it that need none
     ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
@@ -133,6 +134,7 @@ class Scene:
     uv_sets: tuple[Float64Array, ...]
     parts: tuple[Part, ...]
     document: object = None
+    welded: tuple[int, float] | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     ground_normal: tuple[float, float, float] | None = None

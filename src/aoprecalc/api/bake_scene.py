@@ -324,7 +324,12 @@ def bake_report(
     valid, alone = int(np.count_nonzero(texture.valid)), _ground_alone(baked)
     return BakeReport(
         input=InputMesh(
-            str(scene.path), len(scene.faces), len(scene.positions), mesh.components, watertight=mesh.watertight
+            str(scene.path),
+            len(scene.faces),
+            len(scene.positions),
+            mesh.components,
+            mesh.watertight,
+            *(scene.welded or ()),
         ),
         parts=tuple(_part_roles(part) for part in scene.parts),
         outputs=outputs,

@@ -113,18 +113,17 @@ class RayTracedErrors(Report):
         return cls(verified.points, verified.rays, tuple(levels), tuple(worst))
 
 
-# Bake.
-
-
 @dataclass(frozen=True)
 class InputMesh(Report):
-    """The mesh that was baked; vertices are distinct positions."""
+    """The mesh that was baked; vertices are distinct positions, to which corners of an STL may be moved."""
 
     path: str
     triangles: int
     vertices: int
     components: int
     watertight: bool
+    welded_corners: int = 0
+    weld_tolerance: float | None = None
 
 
 @dataclass(frozen=True)

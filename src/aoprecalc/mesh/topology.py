@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.types import BoolArray, Int32Array
+from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 
 def unique_rows(*columns: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -118,13 +118,70 @@ def adjacent_half_edges(corners: Int32Array) -> tuple[NDArray[np.intp], NDArray[
 
 
 def joined_faces(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> Int32Array:
-    """Label `count` faces, (f,) int32 from 0: equal where pairs of them, (p,) each, join them."""
+    """Label `count` faces, or other things, (f,) int32 from 0: equal where pairs of them, (p,) each, join them."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), (count, count))
     labels: Int32Array = connected_components(graph, directed=False)[1].astype(np.int32)
     return labels
+
+
+_LINKS = (2.0, 1.0, 0.5, 0.25)  # distances at which corners are joined, over the tolerance: the widest that can be
+_NEIGHBOURS = 16  # of a corner, that may be joined with it; others are reached through these
+
+
+def weld_corners(corners: Float64Array, tolerance: float) -> tuple[Float64Array, NDArray[np.intp]]:
+    """Return (v, 3) positions and (f, 3) faces into them of (f, 3, 3) corners.
+
+    tolerance   how far a corner at an open edge is moved at most, to meet others; no longer edge loses its length
+
+    Equal corners are one position. Where the surface is still open, corners are joined through others, and meet in the
+    middle of their bounding box: the order of the faces does not matter.
+    """
+    first, which = unique_rows(corners.reshape(-1, 3))
+    points, faces = corners.reshape(-1, 3)[first], which.reshape(-1, 3)
+    following = np.roll(faces, -1, axis=1)
+    keys = np.sort((np.minimum(faces, following) * len(points) + np.maximum(faces, following)).ravel())
+    if len(keys) % 2 == 0 and (keys[::2] == keys[1::2]).all():
+        return points, faces
+
+    is_open = boundary_edges(faces.astype(np.int32))
+    long = np.linalg.norm(points[faces] - points[following], axis=2) > tolerance
+    at_open = np.zeros(len(points), dtype=bool)
+    at_open[faces[is_open]] = at_open[following[is_open]] = True
+    pending = np.flatnonzero(at_open)
+    place = points.copy()
+    for link in _LINKS:
+        if len(pending) < 2:
+            break
+        label, middle = _clusters(points[pending], link * tolerance)
+        unfit = np.zeros(len(middle), dtype=bool)
+        unfit[label[np.linalg.norm(points[pending] - middle[label], axis=1) > tolerance]] = True
+        cluster = np.full(len(points), -1)
+        cluster[pending] = label
+        collapsed = long & (cluster[faces] == cluster[following]) & (cluster[faces] >= 0)
+        unfit[cluster[faces[collapsed]]] = True
+        fit = ~unfit[label]
+        place[pending[fit]] = middle[label[fit]]
+        pending = pending[~fit]
+    first, which = unique_rows(place)
+    return place[first], which[faces]
+
+
+def _clusters(points: Float64Array, distance: float) -> tuple[NDArray[np.intp], Float64Array]:
+    """Return the cluster of each of (n, 3) points that are joined at a distance, and the middle of each cluster."""
+    from scipy.spatial import cKDTree
+
+    count = len(points)
+    nearest = range(2, min(_NEIGHBOURS + 1, count) + 1)  # the first is the point itself, or one at its place
+    distances, others = cKDTree(points).query(points, nearest, distance_upper_bound=distance, workers=-1)
+    rows, columns = np.nonzero(np.isfinite(distances))
+    label = joined_faces(count, rows, others[rows, columns]).astype(np.intp)
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    low, high = (extreme.reduceat(points[order], starts) for extreme in (np.minimum, np.maximum))
+    return label, (low + high) / 2
 
 
 def neighbours_in_a_row(triangles: Int32Array) -> NDArray[np.intp]:

@@ -28,7 +28,7 @@ def check_indices(path: Path, indices: NDArray[Any], count: int) -> None:
 
 
 # Coordinates beyond this overflow when squared twice, and no unit of length needs them.
-_MAX_COORDINATE = 1e30
+MAX_COORDINATE = 1e30
 _MIN_EXTENT = 1e-30  # products of areas below it underflow
 
 # UVs beyond this have lost the digits that tell texels apart.
@@ -67,6 +67,7 @@ def build_scene(
     messages: Sequence[str] = (),
     *,
     label: str | None = None,
+    welded: tuple[int, float] | None = None,
 ) -> Scene:
     """Check the pieces of a file, weld equal positions and return them as a Scene.
 
@@ -74,6 +75,7 @@ def build_scene(
     document      becomes Scene.document
     messages      of the reader: warnings, and each Note among them
     label         the start of error messages; None: the path
+    welded        becomes Scene.welded
 
     Raises InputError if there are no faces, if none has area, if a face refers to a vertex that does not exist or if
     a position that is used is not finite.
@@ -110,6 +112,7 @@ def build_scene(
         uv_sets=_gather_uv_sets(pieces_with_faces, messages),
         parts=_parts(pieces_with_faces),
         document=document,
+        welded=welded,
         warnings=warnings_of(messages),
         notes=notes_of(messages),
     )
@@ -129,7 +132,7 @@ def _weld(pieces: Sequence[MeshPiece]) -> tuple[Float64Array, NDArray[np.intp]]:
 
 
 def _check_positions(label: str, positions: Float64Array) -> None:
-    wrong = ~(np.abs(positions) <= _MAX_COORDINATE).all(axis=1)
+    wrong = ~(np.abs(positions) <= MAX_COORDINATE).all(axis=1)
     if not wrong.any():
         extent = np.ptp(positions, axis=0).max()
         if 0 < extent < _MIN_EXTENT:

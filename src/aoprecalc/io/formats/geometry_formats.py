@@ -5,7 +5,7 @@ import re
 import warnings
 from codecs import BOM_UTF8
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,14 +14,17 @@ from zipfile import ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import InputError, counted
+from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.base import MeshFormat
-from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
+from aoprecalc.io.formats.builder import MAX_COORDINATE, MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.polygons import lost_faces, polygon_triangles
+from aoprecalc.mesh.topology import weld_corners
+from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, Scene
 
 _HEADER_BYTES = 84  # of a binary STL: 80 bytes of text and the number of faces
 _FACE_BYTES = 50
+_WELD_TOLERANCE = 1e-6  # of the diagonal: how far corners are moved to meet
 _MAX_COARSENESS = 0.02  # the step of float32 over the median edge, beyond which shapes are visibly coarse
 _SOLID = re.compile(r"\s*solid\b", re.IGNORECASE)
 _FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
@@ -48,7 +51,7 @@ class StlFormat(MeshFormat):
         """Read each solid of an ASCII file as a part, a binary file as one part."""
         text = "" if b"\0" in data else data.decode("utf-8", "surrogateescape")
         if _SOLID.match(text):
-            return build_scene(path, "stl", _read_text(path, StringIO(text, newline=None).read()))
+            return _stl_scene(path, _read_text(path, StringIO(text, newline=None).read()), [])
         faces, size = _binary_size(data)
         if len(data) < max(size, _HEADER_BYTES):
             raise damaged_file(
@@ -56,7 +59,26 @@ class StlFormat(MeshFormat):
             )
         messages = [] if len(data) == size else [f"after the last face {counted(len(data) - size, 'byte')} ignored"]
         pieces = _read_binary(data[:size])
-        return build_scene(path, "stl", pieces, messages=[*messages, *_coarseness(path, pieces)])
+        return _stl_scene(path, pieces, [*messages, *_coarseness(path, pieces)])
+
+
+def _stl_scene(path: Path, pieces: list[MeshPiece], messages: list[str]) -> Scene:
+    """Return the scene of facets whose corners are joined where they differ only in their last digits."""
+    points = np.concatenate([np.empty((0, 3)), *(piece.positions for piece in pieces)])
+    if not len(points) or not (np.abs(points) <= MAX_COORDINATE).all():
+        return build_scene(path, "stl", pieces, messages=messages)  # which raises what is wrong
+    tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(points, axis=0)))
+    positions, faces = weld_corners(points.reshape(-1, 3, 3), tolerance)
+    ends = np.cumsum([len(piece.vertices) for piece in pieces])
+    parts = zip(pieces, np.split(faces, ends[:-1]), strict=True)
+    pieces = [replace(piece, positions=positions, vertices=vertices) for piece, vertices in parts]
+    moved = int(np.count_nonzero((positions[faces].reshape(-1, 3) != points).any(axis=1)))
+    if not moved:
+        return build_scene(path, "stl", pieces, messages=messages)
+    were = one_or_many(moved, "was", "were")
+    told = f"{moved} of {counted(len(points), 'corner')} {were} moved by up to {tolerance:.3g} units to meet"
+    messages.append(Note(f"{told}, as STL has no shared vertices"))
+    return build_scene(path, "stl", pieces, messages=messages, welded=(moved, tolerance))
 
 
 def _binary_size(data: bytes) -> tuple[int, int]:
@@ -75,7 +97,7 @@ def _read_binary(data: bytes) -> list[MeshPiece]:
 def _coarseness(path: Path, pieces: list[MeshPiece]) -> Iterator[str]:
     """Yield a warning where the float32 of a binary STL cannot tell its positions apart, as at map coordinates."""
     for piece in pieces:
-        corners = piece.positions.reshape(-1, 3, 3)
+        corners = piece.positions.reshape(-1, 3, 3)[:: len(piece.vertices) // 10_000 + 1]
         step = float(np.spacing(np.abs(piece.positions).max(initial=0).astype(np.float32)))
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         if len(edges) and step > _MAX_COARSENESS * np.median(edges):
