@@ -3,11 +3,14 @@
 A message is one line: what was found, what was expected, what to do.
 """
 
+import errno
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from difflib import SequenceMatcher
 from typing import SupportsIndex
 
+MAX_NAME = 255  # bytes of the name of a file or folder, on the file systems of today
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 
 
@@ -61,6 +64,15 @@ def nearest(wrong: str, names: Iterable[str]) -> str:
     likeness = {name: SequenceMatcher(None, written, text).ratio() for name, text in plain.items()}
     best = max(likeness, key=lambda name: likeness[name], default="")
     return best if best and likeness[best] >= _NEAR else ""
+
+
+def system_failure(error: OSError, advice: str) -> str:
+    """Return the line about what the system refused; `advice` for what is no matter of a name."""
+    if error.errno != errno.ENAMETOOLONG or not isinstance(error.filename, str | bytes | os.PathLike):
+        return f"reading or writing failed ({error}); {advice}"
+    path = os.fsdecode(error.filename)
+    length = len(os.fsencode(os.path.basename(path.rstrip(os.sep))))
+    return f"{path}: the name is too long ({length} bytes, most systems allow {MAX_NAME}); choose a shorter one"
 
 
 class AoprecalcError(Exception):

@@ -22,7 +22,7 @@ from aoprecalc.cli.preview import preview
 from aoprecalc.cli.report import report
 from aoprecalc.cli.spheres import spheres
 from aoprecalc.cli.verify import verify
-from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name
+from aoprecalc.errors import AnswerError, AoprecalcError, UsageError, option_name, system_failure
 
 VARIABLE = "_AOPRECALC_COMPLETE"  # by which the script of `completion` asks for completions
 
@@ -62,7 +62,7 @@ class _Group(click.Group):
         except BrokenPipeError:
             sys.exit(1)  # the reader of standard output is gone
         except OSError as error:
-            _fail(f"reading or writing failed ({error}); check the disk and the target of standard output", 1, error)
+            _fail(system_failure(error, "check the disk and the target of standard output"), 1, error)
         except MemoryError as error:
             _fail("out of memory; use a smaller --size or mesh", 1, error)
         except Exception as error:

@@ -13,6 +13,7 @@ names of machines. What is read is not trusted: its size is bounded, and it is c
 """
 
 import json
+import os
 import tempfile
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -271,17 +272,17 @@ def is_baked(path: str | PathLike[str]) -> bool:
     """Tell whether an image is a texture that this program baked: by its text, else where none fits by its name."""
     name = Path(path)
     if name.suffix.lower() in EXTENSIONS_WITHOUT_TEXT:
-        return name.stem.lower().endswith("_ao") and name.is_file()
-    return name.is_file() and bool(read_text(name))
+        return name.stem.lower().endswith("_ao") and os.path.isfile(name)
+    return os.path.isfile(name) and bool(read_text(name))
 
 
 def _read(path: str | PathLike[str], kind: Literal["float", "uint8"]) -> NDArray[Any]:
     """Read an image as (height, width, channels) of a type of OpenImageIO."""
     import OpenImageIO
 
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         raise InputError(f"{path}: is a folder, an image was expected")
-    if not Path(path).is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{path}: there is no such file, an image was expected; check the path")
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)

@@ -3,6 +3,7 @@
 `FORMATS` lists the formats; everything else here looks them up by the extension of a path or by Scene.format.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -80,7 +81,7 @@ def load_scene(path: str | PathLike[str]) -> Scene:
     not finite, refers to missing data or has no faces with area.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # not of Path, which raises for names that are too long
         raise InputError(f"{path}: is a folder, a mesh file was expected; name a file inside it")
     format_of(path)
     return read_scene(path, _read_bytes(path))
@@ -129,7 +130,7 @@ def input_files(path: Path, data: bytes) -> list[Path]:
 
 
 def _read_bytes(path: Path) -> bytes:
-    if not path.exists():
+    if not os.path.exists(path):
         meant = nearest(path.name, _meshes_in(path.parent))
         hint = f" (did you mean {path.with_name(meant)}?)" if meant else ""
         raise InputError(f"{path}: there is no such file{hint}, a mesh was expected; check the path")

@@ -1,5 +1,6 @@
 """Output files that appear complete and together or not at all, their paths, and JSON documents."""
 
+import errno
 import json
 import math
 import os
@@ -13,7 +14,7 @@ from types import TracebackType
 from typing import Any
 from urllib.parse import quote
 
-from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
+from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError, system_failure
 from aoprecalc.system import path_from
 
 
@@ -102,12 +103,13 @@ class Outputs(AbstractContextManager["Outputs"]):
             raise UsageError(f"{final}: two outputs have this name; give each its own")
         if target in self._protected:
             raise _belongs_to_input(final)
+        _check_name(target)
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "no regular file"
             raise OutputError(f"{final}: is {kind}, a file name was expected; choose another output")
         if self._staging is None and not target.parent.is_dir():
             raise OutputError(f"{final}: there is no folder {Path(final).parent}; create it or choose another output")
-        temporary = (self._staging or target.parent) / f".{secrets.token_hex(6)}.{target.name}"
+        temporary = (self._staging or target.parent) / f".{secrets.token_hex(6)}{target.suffix}"
         try:
             temporary.touch(exist_ok=False)
         except OSError as error:
@@ -139,6 +141,15 @@ class Outputs(AbstractContextManager["Outputs"]):
                 os.replace(temporary, target)
             except OSError as error:
                 raise OutputError(f"{target}: cannot be replaced ({error.strerror}); choose another output") from error
+
+
+def _check_name(target: Path) -> None:
+    """Raise OutputError where no file may have this name as it is too long."""
+    try:
+        os.lstat(target)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise OutputError(system_failure(error, "choose another output")) from error
 
 
 def _belongs_to_input(path: str | os.PathLike[str]) -> UsageError:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from aoprecalc.api.bake import bake_file
 from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.spheres import fit_spheres_file
-from aoprecalc.errors import AoprecalcError, KilledError, option_name
+from aoprecalc.errors import AoprecalcError, KilledError, option_name, system_failure
 from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
@@ -207,8 +207,8 @@ def run_job(
     except MemoryError:
         return Failure("error", f"{job.label}: out of memory; use a smaller size or fewer --jobs")
     except OSError as error:
-        reason = _with_user_paths(job, job.label, str(error))
-        return Failure("error", f"{job.label}: reading or writing failed ({reason}); check the disk")
+        reason = _with_user_paths(job, job.label, system_failure(error, "check the disk"))
+        return Failure("error", f"{job.label}: {reason}")
     except Exception as error:
         reason = _with_user_paths(job, job.label, f"{type(error).__name__}: {error}")
         return Failure("error", f"{job.label}: {reason}; this is a fault of aoprecalc", details=traceback.format_exc())

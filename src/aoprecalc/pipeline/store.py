@@ -95,7 +95,7 @@ class Cache:
             for name, digest in document["files"].items():
                 if name != Path(name).name:
                     raise ValueError(f"{name}: is in another folder")
-                files[name] = staging / f"{secrets.token_hex(6)}.{name}"
+                files[name] = staging / f"{secrets.token_hex(6)}{Path(name).suffix}"
                 shutil.copyfile(entry / "files" / name, files[name])
                 if file_digest(files[name]) != digest:
                     raise ValueError(f"{name}: has another digest")

@@ -41,7 +41,7 @@ def read_file(path: Path) -> bytes:
 
     Raises OSError where it cannot be read, also for devices and pipes, which may have no end.
     """
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not os.path.isfile(path):
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     return path.read_bytes()
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import zipfile
 import zlib
 from pathlib import Path
@@ -21,7 +22,7 @@ _SCHEMA = SCHEMAS["spheres"]
 
 def read_file(path: Path) -> bytes:
     """Return the bytes of a file; raises InputError where it cannot be read, also for devices and pipes."""
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not os.path.isfile(path):
         raise InputError(f"{path}: is not a regular file; expected a sphere set")
     try:
         return path.read_bytes()

@@ -1,6 +1,7 @@
 """MTL files, the material libraries of OBJ: read, and written again."""
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -56,7 +57,7 @@ class TextureMap:
     @property
     def found(self) -> bool:
         """Whether the file exists."""
-        return self.file is not None and self.file.is_file()
+        return self.file is not None and os.path.isfile(self.file)
 
     def relocated(self, target: Path) -> str:
         """Return the line that names the same file from beside `target`; as it is written where that does so."""
@@ -218,7 +219,7 @@ def examine(material: MtlMaterial) -> ExaminedMaterial:
     if holes is not None and not holes.found:
         messages.append(f"{label} is taken as opaque where its map_d says: {holes.name!a} is not there")
     file, own = material.opacity_map, holes is None or not holes.found
-    if file is None or (own and not file.is_file()):
+    if file is None or (own and not os.path.isfile(file)):
         return ExaminedMaterial(whole, messages=tuple(messages))
     if diffuse is not None and holes is not None and not own and diffuse.placement != holes.placement:
         messages.append(f"{label} places its map_d and its map_Kd differently: map_d is left out")

@@ -4,6 +4,7 @@ trimesh's reader is not used for this format: it regroups the faces by material,
 end of the file, takes index 0 for the first vertex, and drops all UVs where one face has none.
 """
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -138,7 +139,7 @@ def read_obj(path: Path, data: bytes) -> Scene:
 
 def _unknown_materials(names: Sequence[str], libraries: Sequence[Path]) -> Note:
     """Return the note about materials that no MTL file has."""
-    missing = [file.name for file in libraries if not file.is_file()]
+    missing = [file.name for file in libraries if not os.path.isfile(file)]
     why = (
         f"{', '.join(missing)} {one_or_many(len(missing), 'is', 'are')} not there" if missing else "no MTL file has it"
     )
