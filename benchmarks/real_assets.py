@@ -4,7 +4,7 @@
 
 Every row makes its input here, runs the command that it shows, and reads what was written with other programs' code.
 --before   the `src` of another checkout, which runs the same rows
---readers  glTF-Validator, trimesh and, with --blender (an interpreter that has `bpy`), Blender's importers read every
+--readers  glTF-Validator, three.js and, with --blender (an interpreter that has `bpy`), Blender's importers read every
            mesh that was written, and the input; complaints that the input does not raise are listed
 The table goes into benchmarks/results/real_assets.json.
 """
@@ -462,15 +462,22 @@ def complaints(mesh: Path, source: Path, blender: str | None) -> list[str]:
     if mesh.suffix in (".glb", ".gltf"):
         from gltf_kit.gltf_validator import ERROR, WARNING, issues, new_issues
 
-        if source.suffix in (".glb", ".gltf"):
-            raised = new_issues(source, mesh)
-        else:
-            raised = issues(mesh)[0]
+        raised = new_issues(source, mesh) if source.suffix in (".glb", ".gltf") else issues(mesh)[0]
         found += [f"validator: {issue['code']}" for issue in raised if issue["severity"] in (ERROR, WARNING)]
+        before = read_by_three(source) if source.suffix in (".glb", ".gltf") else []
+        found += [f"three.js: {line}" for line in read_by_three(mesh) if line not in before]
     if blender is not None:
         before, after = (imported(path, blender) for path in (source, mesh))
         found += [f"Blender: {line}" for line in after if line not in before]
     return found
+
+
+def read_by_three(path: Path) -> list[str]:
+    """Return what three.js' GLTFLoader says of a file."""
+    script = Path(__file__).with_name("read_with_three.mjs").read_text(encoding="utf-8")
+    command = ["node", "--input-type=module", "-", str(path)]
+    done = subprocess.run(command, input=script, capture_output=True, text=True, cwd=ROOT / "viewer", timeout=60)
+    return [*done.stdout.splitlines(), *done.stderr.splitlines()[-1:]]
 
 
 IMPORT = """
