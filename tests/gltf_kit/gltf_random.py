@@ -301,3 +301,23 @@ def _bounded(array, members):
     said = {key: value for key, value in _said(members).items() if key != "bounds"}
     rows = array.reshape(VERTICES, -1)
     return said | ({"min": rows.min(0).tolist(), "max": rows.max(0).tolist()} if members.get("bounds") else {})
+
+
+def compress(maker: GltfMaker, library, name="EXT_meshopt_compression") -> None:
+    """Compress the views of vertex data of a document by meshopt, whose Python package is `library`."""
+    extend(maker, name, required=True)
+    stand_in = 0
+    for view in maker.json["bufferViews"]:
+        start, length = view["byteOffset"], view["byteLength"]
+        stride = view.get("byteStride", 4)
+        if view.get("target") != ARRAY or stride > 252 or length % stride:
+            continue
+        rows = np.frombuffer(maker.data[start : start + length], "u1").reshape(-1, stride)
+        stream = library.encode_vertex_buffer(np.ascontiguousarray(rows), len(rows), stride)
+        maker.data += bytes(-len(maker.data) % 4)
+        place = {"buffer": 0, "byteOffset": len(maker.data), "byteLength": len(stream)}
+        packed = {**place, "byteStride": stride, "count": len(rows), "mode": "ATTRIBUTES"}
+        maker.data += stream
+        view |= {"buffer": 1, "byteOffset": stand_in, "extensions": {name: packed}}
+        stand_in += length + -length % 4
+    maker.further_buffers = [{"byteLength": stand_in, "extensions": {name: {"fallback": True}}}]

@@ -8,7 +8,7 @@ from gltf_kit.baked_by_hand import write_with_texture
 from gltf_kit.gltf_compare import differences
 from gltf_kit.gltf_maker import GltfMaker
 from gltf_kit.gltf_occlusion import occlusion_faults
-from gltf_kit.gltf_random import random_document
+from gltf_kit.gltf_random import compress, random_document
 from gltf_kit.gltf_validator import ERROR, issues, needs_validator, new_issues
 from gltf_kit.gltf_values import GltfValues
 
@@ -59,3 +59,19 @@ def test_every_corner_keeps_what_it_had(seed, how, tmp_path):
 def test_what_is_written_is_as_valid(seed, how, tmp_path):
     source, path = written(seed, how, tmp_path, "a.glb" if seed % 2 else "a.gltf")
     assert path is None or new_issues(source, path) == []
+
+
+@pytest.mark.parametrize("extension", ["EXT_meshopt_compression", "KHR_meshopt_compression"])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=[] if seed < 3 else [pytest.mark.slow]) for seed in range(20)]
+)
+def test_compressed_documents_are_written_as_the_plain_ones(seed, extension, tmp_path):
+    library = pytest.importorskip("meshoptimizer")
+    plain = made(seed, tmp_path / "plain")
+    maker = GltfMaker(tmp_path)
+    random_document(maker, seed)
+    compress(maker, library, extension)
+    scene = load_scene(maker.save())
+    assert any("compressed" in note for note in scene.notes)
+    path = write_with_texture(scene, tmp_path / "out" / "a.glb", normals=scene.normals.astype(np.float32))[0]
+    assert differences(GltfValues(plain), GltfValues(path)) == []

@@ -128,3 +128,24 @@ def test_chunks_of_other_kinds_are_told_to_be_lost(maker):
     source.write_bytes(data[:8] + struct.pack("<I", len(data) + len(chunk)) + data[12:] + chunk)
     (warning,) = load_scene(source).warnings
     assert warning == f"{source} has 1 chunk beside JSON and BIN, which a baked copy lacks"
+
+
+@pytest.mark.parametrize("with_normals", [False, True])
+def test_accessors_and_views_keep_names_and_extras(with_normals, maker):
+    primitive = corner(maker, STACKED, material=pictured(maker))
+    for number, entry in enumerate(maker.json["accessors"]):
+        entry |= {"name": f"accessor {number}", "extras": {"of": number}}
+        maker.json["bufferViews"][entry["bufferView"]] |= {"name": f"view {number}", "extras": {"of": number}}
+    maker.node(mesh=maker.mesh(primitive))
+    scene = load_scene(maker.save())
+    normals = None if with_normals else scene.normals.astype("<f4")
+    document = GltfValues(write_with_texture(scene, scene.path.parent / "out" / "a.glb", normals=normals)[0])
+    written = document.json["meshes"][0]["primitives"][0]
+    places = {**written["attributes"], "indices": written["indices"]}
+    before = {**primitive["attributes"], "indices": primitive["indices"]}
+    for name, old in before.items():
+        accessor = document.json["accessors"][places[name]]
+        view = document.json["bufferViews"][accessor["bufferView"]]
+        assert (accessor["name"], view["name"]) == (f"accessor {old}", f"view {old}")
+        assert accessor["extras"] == view["extras"] == {"of": old}
+    assert "name" not in document.json["accessors"][written["attributes"]["TEXCOORD_1"]]

@@ -178,13 +178,17 @@ def _rewrite(
         accessor, rows = document.entry("accessors", index), raw_rows(document, index)
         check_indices(document.path, vertices, len(rows))
         add = buffer.add_rows if "bufferView" in accessor else buffer.add_sparse_rows
-        return add(accessor, rows[vertices] * (not zero))
+        return buffer.inherit(add(accessor, rows[vertices] * (not zero)), document, index)
 
     attributes = {name: gather(index) for name, index in original["attributes"].items() if name not in values}
     for name, corner_values in values.items():
-        attributes[name] = buffer.add_floats(corner_values.reshape(len(part.vertices) * 3, -1)[split.corner])
+        added = buffer.add_floats(corner_values.reshape(len(part.vertices) * 3, -1)[split.corner])
+        attributes[name] = buffer.inherit(
+            added, document, None if name in new_uvs else original["attributes"].get(name)
+        )
     triangles = split.triangles[:, REVERSED_WINDING] if source.mirrored else split.triangles
-    primitive = deepcopy(original) | {"attributes": attributes, "indices": buffer.add_triangles(triangles)}
+    indices = buffer.inherit(buffer.add_triangles(triangles), document, original.get("indices"))
+    primitive = deepcopy(original) | {"attributes": attributes, "indices": indices}
     primitive.pop("mode", None)
     if "targets" in original:
         # The new normals belong to the shape in the pose of the file already.

@@ -170,7 +170,7 @@ def follow_copies(document: Json, kind: str, copies: Iterable[tuple[int, int]]) 
     """
     copied = [(f"/{kind}/{index}/", f"/{kind}/{copy}/") for index, copy in copies if copy != index]
     for animation in document.get("animations", []):
-        for channel in list(animation["channels"]):
+        for channel in filter(_pointer, list(animation["channels"])):
             for before, after in copied:
                 if _pointer(channel).startswith(before):
                     another = deepcopy(channel)

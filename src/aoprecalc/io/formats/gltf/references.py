@@ -123,6 +123,17 @@ class GltfBuffer:
         accessor = {"bufferView": view, "componentType": component, "count": triangles.size, "type": "SCALAR"}
         return self._add_entry("accessors", accessor)
 
+    def inherit(self, index: int, document: GltfDocument, predecessor: int | None) -> int:
+        """Give accessor `index` and its view the names and extras of those of a document; return its index."""
+        if predecessor is not None:
+            old, new = document.entry("accessors", predecessor), self._document["accessors"][index]
+            new |= _named(old)
+            if "bufferView" in old and "bufferView" in new:
+                self._document["bufferViews"][new["bufferView"]] |= _named(
+                    document.entry("bufferViews", old["bufferView"])
+                )
+        return index
+
     def _add_entry(self, kind: str, entry: Json) -> int:
         entries = self._document.setdefault(kind, [])
         if self._free[kind]:
@@ -131,6 +142,10 @@ class GltfBuffer:
             return index
         entries.append(entry)
         return len(entries) - 1
+
+
+def _named(entry: Json) -> Json:
+    return {key: entry[key] for key in ("name", "extras") if key in entry}
 
 
 def _described(accessor: Json, rows: NDArray[np.uint8]) -> Json:
