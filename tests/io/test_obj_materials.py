@@ -5,6 +5,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+import aoprecalc
+from aoprecalc import BakeOptions
 from aoprecalc.io import load_scene
 from aoprecalc.io.meshes import base_colors, output_mesh_extension
 from aoprecalc.texture_lookup import linear_from_srgb
@@ -247,3 +249,35 @@ def test_the_validator_finds_nothing(make, bake):
         for suffix in ("glb", "gltf")
     ]
     assert [issue for found in issues(*paths) for issue in found if issue["severity"] == ERROR] == []
+
+
+def test_emission_roughness_and_metalness_reach_the_glb(make, bake):
+    path, *_ = bake(make("Ke 1 .5 0\nPr .25 # rough\nPm 2"), "a_ao.glb")
+    material = material_of(path)
+    assert material["emissiveFactor"] == pytest.approx(linear_from_srgb(np.array([1, 0.5, 0])).tolist())
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.25
+    assert material["pbrMetallicRoughness"]["metallicFactor"] == 1
+
+
+def test_other_textures_and_options_are_named(make, bake):
+    mtl = "map_Kd -mm 0 .5 -t 1 1 c.png\nmap_Bump -bm 2 b.png\nnorm n.png\nmap_Ks s.png\nmap_Ka c.png\nKs 1 1 1"
+    _, _, _, (warning,) = bake(make(mtl, {"c.png": COLORS}), "a_ao.glb")
+    left_out = "-mm of map_Kd c.png, -t of map_Kd c.png, map_Bump b.png, norm n.png, map_Ks s.png"
+    assert warning.endswith(f"what else the materials of a.obj have is left out: {left_out}")
+
+
+# The bake.
+
+
+@pytest.mark.parametrize("mtl", ["d .5", "map_d m.png", "map_Kd -s 2 2 c.png", "map_Kd -clamp on -o .25 .5 c.png"])
+def test_a_bake_of_the_obj_is_that_of_its_glb(make, bake, mtl):
+    roof = "usemtl leaf\nv 0 0 .3\nv 1 0 .3\nv 1 1 .3\nv 0 1 .3\nf 5/1 6/2 7/3 8/4\nusemtl floor\nf 1 2 3 4\n"
+    text = "\n".join(line for line in QUAD.splitlines() if line[0] == "v") + f"\n{roof}"
+    scene = make(mtl, {"c.png": rgba(HOLES), "m.png": HOLES}, text)
+    path, *_ = bake(scene, "a_ao.glb")
+    assert [part.name for part in scene.parts] == ["leaf", "floor"]
+    options = BakeOptions(directions=64, size=16, backend="ray", only=("floor",), normals="flat", unwrap="xatlas")
+    ours, theirs = (aoprecalc.bake(file, options) for file in (scene.path, path))
+    assert ours.ao == pytest.approx(theirs.ao, abs=1e-3)
+    closed = aoprecalc.bake(make("", {}, text).path, options)
+    assert ours.ao[ours.valid].mean() > closed.ao[closed.valid].mean() + 0.05

@@ -279,6 +279,10 @@ class SourceMaterial:
     opacity_map      the file that it is multiplied by: `texture`, for its alpha, or another; None where it has none
     opacity_channel  of that file: see `read_opacity`
     alpha_mode       MASK: holes where the opacity map is below 0.5
+    emission         the colour that it emits, as `color`
+    roughness        0 to 1
+    metalness        0 to 1
+    left_out         what else it has and glTF does not get, for a warning
     """
 
     name: str
@@ -289,6 +293,10 @@ class SourceMaterial:
     opacity_map: Path | None = None
     opacity_channel: str = ""
     alpha_mode: AlphaMode = "OPAQUE"
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    roughness: float = 1.0
+    metalness: float = 0.0
+    left_out: tuple[str, ...] = ()
 
     @property
     def pictured(self) -> bool:

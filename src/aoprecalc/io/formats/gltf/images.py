@@ -104,6 +104,10 @@ def add_base_textures(
     goes into the alpha. Returns a warning about each that cannot be read, and a note about those that were converted.
     """
     warnings, converted = list[str](), dict[str, None]()
+    if lost := list(dict.fromkeys(what for material in materials.values() for what in material.left_out)):
+        more = f" and {len(lost) - _MAX_NAMES} more" if len(lost) > _MAX_NAMES else ""
+        found = f"what else the materials of {source.name} have is left out: {', '.join(lost[:_MAX_NAMES])}{more}"
+        warnings.append(f"{path}: {found}")
     images: dict[tuple[Path | None, Path | None, str], int] = {}
     stay = path.parent.resolve() == source.parent.resolve()
     for index, material in materials.items():

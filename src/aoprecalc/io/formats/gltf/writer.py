@@ -43,6 +43,7 @@ from aoprecalc.io.images import options_text, read_image
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
+from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
 
@@ -136,9 +137,14 @@ def _primitive(
 
 def _material(name: str, material: SourceMaterial, *, textured: bool) -> Json:
     factor = [*material.factor(textured=textured), material.opacity]
-    color: Json = {"baseColorFactor": factor, "metallicFactor": 0.0, "roughnessFactor": 1.0}
-    mode: Json = {} if material.alpha_mode == "OPAQUE" else {"alphaMode": material.alpha_mode}
-    return {"name": _valid_unicode(name), "pbrMetallicRoughness": color, **mode}
+    color: Json = {"baseColorFactor": factor}
+    color |= {"metallicFactor": material.metalness, "roughnessFactor": material.roughness}
+    made: Json = {"name": _valid_unicode(name), "pbrMetallicRoughness": color}
+    if any(material.emission):
+        made["emissiveFactor"] = linear_from_srgb(np.array(material.emission)).tolist()
+    if material.alpha_mode != "OPAQUE":
+        made["alphaMode"] = material.alpha_mode
+    return made
 
 
 def _valid_unicode(name: str) -> str:

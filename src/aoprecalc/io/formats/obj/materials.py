@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import AlphaMode, ColorImages, ImageSource, Placement, SourceMaterial, same_file
+from aoprecalc.io.formats.base import WHITE, AlphaMode, ColorImages, ImageSource, Placement, SourceMaterial, same_file
 from aoprecalc.io.formats.files import FileSearch, file_beside, read_text
 from aoprecalc.io.images import is_baked, read_opacity
 from aoprecalc.io.outputs import relative_path
@@ -58,6 +58,13 @@ class TextureMap:
     def found(self) -> bool:
         """Whether the file exists."""
         return self.file is not None and os.path.isfile(self.file)
+
+    @property
+    def left_out(self) -> list[str]:
+        """What of it reaches neither a bake nor another format."""
+        if self.keyword not in ("map_kd", "map_d", "map_ka"):
+            return [f"{self.head.split()[0]} {self.name}"]
+        return [f"{option} of {self.head.split()[0]} {self.name}" for option in self.others]
 
     def relocated(self, target: Path) -> str:
         """Return the line that names the same file from beside `target`; as it is written where that does so."""
@@ -158,7 +165,16 @@ def _material(search: FileSearch, name: str, texts: Sequence[str]) -> MtlMateria
         if isinstance(line, str):
             keyword, rest = _statement(line)
             values[keyword.lower()] = rest.split()
-    made = MtlMaterial(name, _color(values.get("kd", [])) or (1.0, 1.0, 1.0), lines=lines, opacity=_opacity(values))
+    made = MtlMaterial(
+        name,
+        _color(values.get("kd", [])) or WHITE,
+        lines=lines,
+        opacity=_opacity(values),
+        emission=_color(values.get("ke", [])) or (0.0, 0.0, 0.0),
+        roughness=_fraction(values.get("pr", []), 1.0),
+        metalness=_fraction(values.get("pm", []), 0.0),
+    )
+    made = replace(made, left_out=tuple(what for used in made.maps for what in used.left_out))
     diffuse, ambient, holes = (made.map(keyword) for keyword in ("map_kd", "map_ka", "map_d"))
     if diffuse is not None:
         made = replace(made, texture=diffuse.file, placement=diffuse.placement, occlusion=diffuse.file)
@@ -169,6 +185,11 @@ def _material(search: FileSearch, name: str, texts: Sequence[str]) -> MtlMateria
         made = replace(made, opacity_map=holes.file, opacity_channel=holes.channel or ("alpha" if itself else ""))
         return made if diffuse is not None else replace(made, placement=holes.placement)
     return made if diffuse is None else replace(made, opacity_map=diffuse.file, opacity_channel="alpha")
+
+
+def _fraction(words: Sequence[str], default: float) -> float:
+    """Return a number clipped to [0, 1]; the default for other words."""
+    return min(max(float(words[0]), 0.0), 1.0) if words and _is_number(words[0]) else default
 
 
 def _opacity(values: Mapping[str, Sequence[str]]) -> float:
