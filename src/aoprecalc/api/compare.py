@@ -22,7 +22,7 @@ from aoprecalc.io import (
     source_files,
     write_colors,
 )
-from aoprecalc.io.formats.base import ImageSource
+from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import NoOcclusionError, baked_options, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json

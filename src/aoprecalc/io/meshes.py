@@ -14,16 +14,8 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.formats.arrays import ArraysFormat
-from aoprecalc.io.formats.base import (
-    ColorImages,
-    ImageSource,
-    MeshFormat,
-    MeshWithAo,
-    PartOcclusion,
-    WrittenMesh,
-    same_file,
-)
-from aoprecalc.io.formats.files import text_as_utf8
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file, text_as_utf8
 from aoprecalc.io.formats.geometry_formats import ColladaFormat, OffFormat, StlFormat, ThreeMfFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat

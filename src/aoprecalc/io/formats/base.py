@@ -5,7 +5,6 @@ reads a file into a Scene and, where it can hold UVs, writes the Scene back with
 a bake. Formats do not import each other; they share data through `SourceDocument` and `PartSource`.
 """
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,9 +14,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from aoprecalc.errors import InputError
+from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.polygons import Polygons
-from aoprecalc.io.images import decode_colors, decode_pixels, decode_text, read_colors, read_pixels, read_text
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.texture_lookup import linear_from_srgb
@@ -29,7 +27,6 @@ from aoprecalc.types import (
     Float64Array,
     Part,
     Scene,
-    UInt8Array,
     Wrap,
 )
 
@@ -77,41 +74,6 @@ class WrittenMesh:
     messages: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class ImageSource:
-    """An image that a mesh file refers to.
-
-    name   for messages
-    path   its file; None for an image embedded in the mesh's file
-    data   the bytes of an embedded image
-    """
-
-    name: str
-    path: Path | None = None
-    data: bytes = field(default=b"", repr=False, compare=False)
-
-    def pixels(self) -> Float32Array:
-        """Return the stored values, (height, width, channels) float32; raises InputError where it cannot be read."""
-        return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
-
-    def first_channel(self) -> Float32Array:
-        """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""
-        return np.ascontiguousarray(self.pixels()[:, :, 0])
-
-    def colors(self) -> UInt8Array:
-        """Return the colours as stored, (height, width, 3) uint8; raises InputError where it cannot be read."""
-        return decode_colors(self.data, self.name) if self.path is None else read_colors(self.path)
-
-    def text(self) -> str:
-        """Return the text of this program that the image carries; empty where there is none."""
-        return decode_text(self.data) if self.path is None else read_text(self.path)
-
-
-def same_file(first: Path | None, second: Path | None) -> bool:
-    """Tell whether two paths, if any, are those of one file, existing or not."""
-    return first is not None and second is not None and os.path.realpath(first) == os.path.realpath(second)
-
-
 @dataclass(frozen=True, eq=False)
 class PartOcclusion:
     """The occlusion texture of one part of a scene, as its file states it.
@@ -127,32 +89,6 @@ class PartOcclusion:
     uvs: Float64Array | None
     note: str = ""
     extras: object = None
-
-
-class ColorImages:
-    """The images of base colours, each decoded once.
-
-    warnings   for the user, about images that cannot be read
-    """
-
-    def __init__(self) -> None:
-        """Start without images."""
-        self._decoded: dict[ImageSource, UInt8Array | None] = {}
-        self.warnings: list[str] = []
-
-    def get(self, image: ImageSource) -> UInt8Array | None:
-        """Return the colours of an image, (height, width, 3) uint8; None, and a warning, where it cannot be read."""
-        if image not in self._decoded:
-            try:
-                self._decoded[image] = image.colors()
-            except InputError as error:
-                self._decoded[image] = None
-                self.warn(error)
-        return self._decoded[image]
-
-    def warn(self, error: InputError) -> None:
-        """Warn that a texture is missing or damaged."""
-        self.warnings.append(f"a base colour is drawn without its texture: {error}")
 
 
 class MeshFormat(ABC):

@@ -1,4 +1,4 @@
-"""The files that a mesh refers to, found by their names as programs of many systems write them, and text as UTF-8.
+"""The files that a mesh refers to, found by their names as programs of many systems write them; images; text as UTF-8.
 
 The rules are those of the importers that read most files: tinyobjloader (several libraries in one line), Blender
 (backslashes, quotes, the name alone where its folders are missing) and Assimp (upper and lower case).
@@ -11,8 +11,15 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
+
+import numpy as np
+
+from aoprecalc.errors import InputError
+from aoprecalc.io.images import decode_colors, decode_pixels, decode_text, read_colors, read_pixels, read_text
+from aoprecalc.types import Float32Array, UInt8Array
 
 # Longest first: the mark of UTF-32 begins with that of UTF-16.
 _MARKS = (
@@ -67,7 +74,7 @@ def text_as_utf8(data: bytes) -> bytes:
     return data if "\0" in text else text.encode()
 
 
-def read_text(path: Path) -> str:
+def read_utf8(path: Path) -> str:
     """Return the text of a file, with surrogates for bytes that are not UTF-8; raises OSError as `read_file` does."""
     return text_as_utf8(read_file(path)).decode("utf-8", "surrogateescape")
 
@@ -173,3 +180,67 @@ def _spellings(name: str) -> Iterator[str]:
 
 def _folded(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
+
+
+# Images.
+
+
+@dataclass(frozen=True)
+class ImageSource:
+    """An image that a mesh file refers to.
+
+    name   for messages
+    path   its file; None for an image embedded in the mesh's file
+    data   the bytes of an embedded image
+    """
+
+    name: str
+    path: Path | None = None
+    data: bytes = field(default=b"", repr=False, compare=False)
+
+    def pixels(self) -> Float32Array:
+        """Return the stored values, (height, width, channels) float32; raises InputError where it cannot be read."""
+        return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
+
+    def first_channel(self) -> Float32Array:
+        """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""
+        return np.ascontiguousarray(self.pixels()[:, :, 0])
+
+    def colors(self) -> UInt8Array:
+        """Return the colours as stored, (height, width, 3) uint8; raises InputError where it cannot be read."""
+        return decode_colors(self.data, self.name) if self.path is None else read_colors(self.path)
+
+    def text(self) -> str:
+        """Return the text of this program that the image carries; empty where there is none."""
+        return decode_text(self.data) if self.path is None else read_text(self.path)
+
+
+def same_file(first: Path | None, second: Path | None) -> bool:
+    """Tell whether two paths, if any, are those of one file, existing or not."""
+    return first is not None and second is not None and os.path.realpath(first) == os.path.realpath(second)
+
+
+class ColorImages:
+    """The images of base colours, each decoded once.
+
+    warnings   for the user, about images that cannot be read
+    """
+
+    def __init__(self) -> None:
+        """Start without images."""
+        self._decoded: dict[ImageSource, UInt8Array | None] = {}
+        self.warnings: list[str] = []
+
+    def get(self, image: ImageSource) -> UInt8Array | None:
+        """Return the colours of an image, (height, width, 3) uint8; None, and a warning, where it cannot be read."""
+        if image not in self._decoded:
+            try:
+                self._decoded[image] = image.colors()
+            except InputError as error:
+                self._decoded[image] = None
+                self.warn(error)
+        return self._decoded[image]
+
+    def warn(self, error: InputError) -> None:
+        """Warn that a texture is missing or damaged."""
+        self.warnings.append(f"a base colour is drawn without its texture: {error}")

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import (
-    ColorImages,
-    ImageSource,
     MeshFormat,
     MeshWithAo,
     PartOcclusion,
@@ -26,11 +24,11 @@ from aoprecalc.io.formats.base import (
     WrittenMesh,
     first_uvs,
     output_uvs,
-    same_file,
     source_colors,
     source_polygons,
 )
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
+from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file
 from aoprecalc.io.formats.ply_table import (
     TYPES,
     Element,

@@ -5,8 +5,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io.formats.base import ColorImages, MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
 from aoprecalc.io.formats.gltf.materials import base_color
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion

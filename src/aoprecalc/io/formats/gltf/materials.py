@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import ColorImages, ImageSource
 from aoprecalc.io.formats.builder import check_indices, damaged_file
+from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, float_values, local_file, view_bytes
 from aoprecalc.texture_lookup import repeating_texture
 from aoprecalc.types import (

@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from aoprecalc.io.formats.base import (
-    ColorImages,
-    ImageSource,
     MeshFormat,
     MeshWithAo,
     PartOcclusion,
@@ -16,6 +14,7 @@ from aoprecalc.io.formats.base import (
     source_colors,
     source_materials,
 )
+from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files
 from aoprecalc.io.formats.obj.reader import ObjDocument, obj_files, read_obj
 from aoprecalc.io.formats.obj.writer import write_obj

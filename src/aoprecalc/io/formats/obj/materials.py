@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import WHITE, AlphaMode, ColorImages, ImageSource, Placement, SourceMaterial, same_file
-from aoprecalc.io.formats.files import FileSearch, file_beside, read_text
+from aoprecalc.io.formats.base import WHITE, AlphaMode, Placement, SourceMaterial
+from aoprecalc.io.formats.files import ColorImages, FileSearch, ImageSource, file_beside, read_utf8, same_file
 from aoprecalc.io.images import is_baked, read_opacity
 from aoprecalc.io.outputs import relative_path
 from aoprecalc.progress import Note
@@ -130,7 +130,7 @@ def read_materials(folder: Path, libraries: Sequence[Path]) -> dict[str, MtlMate
     materials: dict[str, MtlMaterial] = {}
     for library in libraries:
         try:
-            text = read_text(library)
+            text = read_utf8(library)
         except (OSError, ValueError):
             continue
         search = FileSearch(library.parent, folder)

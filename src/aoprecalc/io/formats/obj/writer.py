@@ -19,10 +19,9 @@ from aoprecalc.io.formats.base import (
     material_names,
     material_use,
     output_uvs,
-    same_file,
     source_polygons,
 )
-from aoprecalc.io.formats.files import file_beside
+from aoprecalc.io.formats.files import file_beside, same_file
 from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
 from aoprecalc.io.formats.obj.reader import ObjDocument, statement
 from aoprecalc.io.formats.polygons import NewUvs, OutputFaces, cut_note
