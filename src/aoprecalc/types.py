@@ -180,14 +180,15 @@ class UvCheck:
     """Whether a UV set of the file can hold a bake.
 
     uv_set       its index
-    flat_faces   number of faces that have area, but none in UV space
-    tiles        the most repeats of the texture, along an axis, that a face spans
+    flat_faces   number of faces that have area, but none in UV space; flat_share: their share of the surface, in [0, 1]
+    tiles        the most repeats of the texture, along an axis, that a face spans; 0 where none has area in UV space
     overlap      share of the covered texels that lie inside two triangles, in [0, 1]; None if not measured
     fault        why it cannot, in words; empty if it can
     """
 
     uv_set: int
     flat_faces: int
+    flat_share: float
     tiles: int
     overlap: float | None
     fault: str
@@ -199,9 +200,8 @@ class Atlas:
 
     method     keep, xatlas or uvunwrap
     uvs        (f, 3, 2) float64, v upwards; in [0, 1] unless `repeats`
-    mapped     (f,) bool: faces with UVs of their own; those without area, or that share another's, have none
-    charts     number of connected UV islands
-    repeats    some uvs lie outside [0, 1]: the texture repeats
+    mapped     (f,) bool: faces with UVs of their own; not those without area, also in the UVs, or that share another's
+    charts     number of connected UV islands; repeats: some uvs lie outside [0, 1], so that the texture repeats
     gutter     texels kept free between charts by the packer; None for UVs that were kept
     uv_set     index of the UV set that was kept; None for new UVs
     checks     of the file's UV sets, as far as they were checked

@@ -3,11 +3,13 @@
 import re
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
@@ -180,17 +182,74 @@ def test_good_uvs_are_kept():
         assert (atlas.method, atlas.charts, atlas.repeats) == ("keep", 1, low[0] > 1)
 
 
-@pytest.mark.parametrize("fault", ["missing", "overlap", "no area", "tiled"])
-def test_uvs_that_cannot_hold_a_bake_are_replaced_or_refused(fault):
+FAULTS = {
+    "missing": lambda uvs: None,
+    "overlap": lambda uvs: np.abs(uvs - (0.5, 0)),
+    "no area": lambda uvs: np.where(np.arange(len(uvs))[:, None, None] == 3, uvs[:, :1], uvs),
+    "tiled": lambda uvs: uvs * 3,
+    "nothing": lambda uvs: uvs * 0,
+    "repeats": lambda uvs: uvs * 25,
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faulty_uvs_are_replaced_and_kept_where_that_is_asked_for_and_possible(fault):
+    positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=4)
+    uvs = FAULTS[fault](quad_uvs((0.1, 0.1), (0.9, 0.9), cells=4))
+    made = scene(positions, faces, uvs)
+    assert choose(made, "auto").method == "xatlas"
+    if fault in ("missing", "nothing", "repeats"):
+        with pytest.raises(InputError, match="cannot hold a bake"):
+            choose(made, "keep")
+        return
+    kept = choose(made, "keep")
+    assert kept.method == "keep"
+    assert np.array_equal(kept.uvs, uvs)
+    assert np.flatnonzero(~kept.mapped).tolist() == ([3] if fault == "no area" else [])
+
+
+@pytest.mark.parametrize(("share", "method"), [(0.0009, "keep"), (0.0011, "xatlas")])
+def test_auto_keeps_uvs_that_hold_all_but_a_thousandth_of_the_surface(share, method):
+    """A quad, and beside it a smaller one without area in UV space: its share of the surface decides, not its faces."""
+    positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=4)
+    side = (share / (1 - share)) ** 0.5
+    small = quad((2, 0, 0), (side, 0, 0), (0, side, 0), cells=8)
+    uvs = np.concatenate([quad_uvs((0.1, 0.1), (0.9, 0.9), cells=4), np.zeros((len(small[1]), 3, 2))])
+    atlas = choose(scene(*join((positions, faces), small), uvs), "auto")
+    assert atlas.method == method
+    assert atlas.checks[0].flat_faces == len(small[1])
+    assert atlas.checks[0].flat_share == pytest.approx(share)
+    assert np.flatnonzero(~atlas.mapped).tolist() == (list(range(32, 160)) if method == "keep" else [])
+
+
+def test_keep_takes_the_set_that_loses_least():
     positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=4)
     uvs = quad_uvs((0.1, 0.1), (0.9, 0.9), cells=4)
-    if fault == "overlap":
-        uvs[..., 0] = np.abs(uvs[..., 0] - 0.5)
-    elif fault == "no area":
-        uvs[3] = uvs[3, 0]
-    elif fault == "tiled":
-        uvs *= 3
-    made = scene(positions, faces, None if fault == "missing" else uvs)
-    assert choose(made, "auto").method == "xatlas"
-    with pytest.raises(InputError, match="cannot hold a bake"):
-        choose(made, "keep")
+    flat = np.where(np.arange(32)[:, None, None] < 3, uvs[:, :1], uvs)
+    made = replace(scene(positions, faces), uv_sets=(FAULTS["overlap"](uvs), flat, uvs * 0))
+    assert choose(made, "keep").uv_set == 1
+    assert choose(replace(made, uv_sets=(*made.uv_sets, uvs)), "keep").uv_set == 3
+
+
+def test_what_has_no_texels_is_told_with_its_share_of_the_surface():
+    positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells=4)
+    uvs = quad_uvs((0.1, 0.1), (0.9, 0.9), cells=4)
+    made = scene(positions, faces, np.where(np.arange(32)[:, None, None] < 2, uvs[:, :1], uvs))
+    baked = bake_scene(made, BakeOptions(size=SIZE, directions=64, unwrap="keep"))
+    (line,) = baked.warnings
+    assert line.startswith("2 of 32 faces (0.062 of the surface) have no area in the file's UVs, so no texels;")
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_a_texel_of_two_faces_has_the_value_of_the_first(backend):
+    """A quad that is open and one between two walls, on the same UVs, in both orders."""
+    dark = join(*(quad((60, 0, height), (9, 0, 0), (0, 9, 0)) for height in (1, 0.9, 1.1)))
+    clear, uvs = quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), quad_uvs((0, 0), (1, 1))
+    away = np.concatenate([uvs * 0.01, uvs * 0.01])
+    for first, second, expected in ((clear, dark, 1.0), (dark, clear, 0.0)):
+        of_first, of_second = (np.concatenate([uvs, away]) if shape is dark else uvs for shape in (first, second))
+        made = scene(*join(first, second), np.concatenate([of_first, of_second]))
+        baked = bake_scene(made, BakeOptions(size=64, directions=128, unwrap="keep", backend=backend, fill="none"))
+        middle = baked.texture.values[16:48, 16:48]
+        assert np.abs(middle - expected).max() < 0.02
+        assert any("the value of the face that comes first in the file" in line for line in baked.warnings)

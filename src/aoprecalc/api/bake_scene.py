@@ -29,7 +29,7 @@ from aoprecalc.progress import Note, Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
 from aoprecalc.uv.pack import first_unsafe_mip
-from aoprecalc.uv.unwrap import MAX_OVERLAP, choose_atlas, needs_uvs
+from aoprecalc.uv.unwrap import choose_atlas, needs_uvs, surface_share, warnings_on_uvs
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.directions import auto_shadow_size
@@ -169,13 +169,7 @@ def _messages(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
     if baked.directions - 1 == options.directions:
         lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
     lines += _warn_of_error(baked, options)
-    if overlap > MAX_OVERLAP:
-        lines.append(f"{overlap:.1%} of texels lie inside two faces of the new UVs and have the value of one of them")
-    left_out = np.count_nonzero(needs_uvs(scene) & ~atlas.mapped)
-    if left_out:
-        without = one_or_many(left_out, "it has no texels", "they have no texels")
-        advice = "; --unwrap uvunwrap may place them" if atlas.method == "xatlas" else ""
-        lines.append(f"{atlas.method} gave {left_out} of {counted(len(scene.faces), 'face')} no UVs; {without}{advice}")
+    lines += warnings_on_uvs(scene, atlas, overlap)
     if _has_narrow_gutters(atlas, options.padding):
         gutters = counted(atlas.gutter or 0, "texel")
         lines.append(
@@ -322,6 +316,7 @@ def bake_report(
     mesh = topology(scene.faces)
     values = texture.values[texture.valid]
     valid, alone = int(np.count_nonzero(texture.valid)), _ground_alone(baked)
+    lost = needs_uvs(scene) & ~atlas.mapped
     return BakeReport(
         input=InputMesh(
             str(scene.path),
@@ -346,6 +341,8 @@ def bake_report(
             uv_set=atlas.uv_set,
             checks=tuple(_uv_set_check(check) for check in atlas.checks),
             charts=atlas.charts,
+            lost_faces=int(np.count_nonzero(lost)),
+            lost_share=round(surface_share(scene, lost), 6),
             used_share=round(valid / texture.valid.size, 4),
             gutter=atlas.gutter,
             first_unsafe_mip=None if atlas.gutter is None else first_unsafe_mip(atlas.gutter, options.padding),
@@ -392,4 +389,5 @@ def _part_roles(part: Part) -> PartRoles:
 
 def _uv_set_check(check: UvCheck) -> UvSetCheck:
     overlap = None if check.overlap is None else round(check.overlap, 6)
-    return UvSetCheck(check.uv_set, check.flat_faces, check.tiles, overlap, check.fault)
+    share = round(check.flat_share, 6)
+    return UvSetCheck(check.uv_set, check.flat_faces, share, check.tiles, overlap, check.fault)

@@ -54,9 +54,6 @@ class Document(Report):
     version: str = field(default=__version__, kw_only=True)
 
 
-# Errors against ray tracing.
-
-
 @dataclass(frozen=True)
 class LevelErrors(Report):
     """Texture minus reference at one mip level, both ambient occlusion in [0, 1].
@@ -186,6 +183,7 @@ class UvSetCheck(Report):
 
     uv_set: int
     flat_faces: int
+    flat_share: float
     tiles: int
     overlap: float | None
     fault: str
@@ -197,6 +195,7 @@ class Unwrapping(Report):
 
     method             keep, xatlas or uvunwrap
     uv_set             index of the set that was kept; None for new UVs
+    lost_faces         faces with area that have no texels; lost_share: their share of the surface, 0 to 1
     used_share         share of the texture's texels that have a value, 0 to 1
     gutter             texels between charts; None for UVs that were kept
     first_unsafe_mip   first mip level at which charts may mix; None for UVs that were kept
@@ -206,6 +205,8 @@ class Unwrapping(Report):
     uv_set: int | None
     checks: tuple[UvSetCheck, ...]
     charts: int
+    lost_faces: int
+    lost_share: float
     used_share: float
     gutter: int | None
     first_unsafe_mip: int | None

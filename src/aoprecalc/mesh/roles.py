@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from aoprecalc.errors import ArgumentError, InputError, UsageError, counted, nearest
+from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LightOptions, PreviewOptions
 from aoprecalc.types import BoolArray, Float64Array, Part, Scene
 
@@ -266,3 +267,35 @@ def _level_of(part: Part) -> tuple[str, int] | None:
             before, after = (text.strip("_-. ").lower() for text in (name[: found.start()], name[found.end() :]))
             return before or after, int(found.group(1))
     return None
+
+
+# A part that leaves the others little of the texture.
+
+_MOST = 1 / 2  # of the texture
+_COARSE = 1 / 4  # of the faces
+_DWARFED = 1 / 8  # of its diagonal
+
+
+def surrounding_part(scene: Scene, areas: Float64Array) -> Part | None:
+    """Return the part that takes most of the texture as it is far larger than the others, such as a sky or a plain.
+
+    areas   (f,) of the faces in the texture, in any unit
+    It has more than half of their area and less than a quarter of the faces, and the connected pieces of all others are
+    on the mean, by area, less than an eighth of its size (diagonals of bounding boxes). So neither a body with many
+    small parts nor a room with furniture is meant.
+    """
+    shares = [float(areas[part.faces].sum()) for part in scene.parts]
+    part = scene.parts[int(np.argmax(shares))]
+    rest = areas > 0
+    faces = int(np.count_nonzero(rest))
+    rest[part.faces] = False
+    if max(shares) <= _MOST * sum(shares) or part.stop - part.start >= _COARSE * faces or not rest.any():
+        return None
+    corners = scene.faces[rest]
+    piece = face_components(corners)
+    low, high = (np.full((int(piece.max()) + 1, 3), infinity) for infinity in (np.inf, -np.inf))
+    np.minimum.at(low, piece, scene.positions[corners].min(axis=1))
+    np.maximum.at(high, piece, scene.positions[corners].max(axis=1))
+    diagonals = np.linalg.norm(high - low, axis=1)[piece]
+    own = np.linalg.norm(np.ptp(scene.positions[scene.faces[part.faces]].reshape(-1, 3), axis=0))
+    return part if np.average(diagonals, weights=areas[rest]) < _DWARFED * own else None

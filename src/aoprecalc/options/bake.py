@@ -146,7 +146,8 @@ class BakeOptions(_TextureSize, ValueOptions):
         "long.")] = "auto"
     unwrap: Annotated[Unwrap, _mesh(
         "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.",
-        more="Else auto takes xatlas, or uvunwrap above 30,000 triangles and where xatlas is not installed.")] = "auto"
+        more="keep keeps them also where they overlap, and warns. Else auto takes xatlas, or uvunwrap above 30,000 "
+        "triangles and where xatlas is not installed.")] = "auto"
     unwrap_timeout: Annotated[float | None, _mesh(
         "Stop xatlas or uvunwrap after this time; the bake then fails.", range=(0, 1_000_000), above_min=True,
         unit="seconds", metavar="SECONDS", default_text="no limit")] = None

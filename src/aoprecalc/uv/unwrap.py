@@ -11,6 +11,7 @@ from typing import Any, NoReturn, cast
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, one_or_many, option_name
+from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, face_normals
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
@@ -39,7 +40,7 @@ from aoprecalc.uv.pack import pack_charts
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
 
-MAX_OVERLAP = 0.001  # share of covered texels that may lie inside two triangles
+MAX_OVERLAP = 0.001  # share of the covered texels inside two triangles, and of the surface without area in UV space
 MIN_SIZE = 16  # texels
 _TINY = 1e-4  # square texels that do not matter
 _CHILDREN = {method: command("aoprecalc.uv.unwrap", method) for method in ("xatlas", "uvunwrap")}
@@ -53,13 +54,18 @@ def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: Bake
     Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is asked for that is not
     installed, AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
     """
-    checks = []
+    checks: list[UvCheck] = []
     if options.unwrap in ("auto", "keep"):
+        able: list[Atlas | None] = []
         for uv_set in range(len(scene.uv_sets)):
-            check, kept = check_uvs(make_rasterizer, scene, uv_set, options.width, options.height)
+            check, atlas = check_uvs(make_rasterizer, scene, uv_set, options.width, options.height)
             checks.append(check)
-            if kept is not None:
-                return replace(kept, checks=tuple(checks))
+            able.append(atlas)
+            if not check.fault:
+                break
+        kept = _kept_set(checks, able, options.unwrap)
+        if kept is not None:
+            return replace(kept, checks=tuple(checks))
         faults = "; ".join(f"set {check.uv_set}: {check.fault}" for check in checks) or "it has none"
         if len(checks) == 1:
             faults = checks[0].fault
@@ -105,30 +111,76 @@ def _choose_unwrappers(wanted: Unwrap, faces: int, progress: Progress) -> list[U
     return installed[::-1] if faces > LARGE_MESH else installed[:1]
 
 
+def _kept_set(checks: list[UvCheck], atlases: list[Atlas | None], wanted: Unwrap) -> Atlas | None:
+    """Return the atlas of the set to keep: one without a fault, or for `keep` that which loses least; None for none."""
+    lost = {
+        uv_set: check.flat_share + (check.overlap or 0.0)
+        for uv_set, (check, atlas) in enumerate(zip(checks, atlases, strict=True))
+        if atlas is not None and (wanted == "keep" or not check.fault)
+    }
+    return atlases[min(lost, key=lambda uv_set: (bool(checks[uv_set].fault), lost[uv_set]))] if lost else None
+
+
 def check_uvs(
     make_rasterizer: RasterizerFactory, scene: Scene, uv_set: int, width: int, height: int
 ) -> tuple[UvCheck, Atlas | None]:
-    """Check one of the file's UV sets, by index; also return its atlas if it can hold a bake.
+    """Check one of the file's UV sets, by index; also return its atlas, None where it has no area or repeats too much.
 
-    It can if, wrapped modulo 1, less than MAX_OVERLAP of the covered texels lie inside two triangles, every face with
-    area has area in UV space, and no face spans more than MAX_TILES repeats of the texture.
+    It has no fault if the faces without area in UV space, by their share of the surface, and the texels that lie inside
+    two triangles, wrapped modulo 1, by theirs of the covered ones, are less than MAX_OVERLAP together, and no face
+    spans more than MAX_TILES repeats of the texture. Faces without area in UV space have no place in the atlas.
     """
-    uvs, mapped = scene.uv_sets[uv_set], needs_uvs(scene)
+    uvs, needed = scene.uv_sets[uv_set], needs_uvs(scene)
     longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
-    flat = int(np.count_nonzero(mapped & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))))
-    tiles = int(np.ceil(uvs[mapped].max(axis=1) - np.floor(uvs[mapped].min(axis=1))).max())
-    if flat:
-        fault = f"{counted(flat, 'face')} with area {one_or_many(flat, 'has', 'have')} no area in UV space"
-        return UvCheck(uv_set, flat, tiles, None, fault), None
-    if tiles > MAX_TILES:
-        fault = f"a face lies on {tiles} repeats of the texture; at most {MAX_TILES} may be"
-        return UvCheck(uv_set, flat, tiles, None, fault), None
+    without = needed & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))
+    mapped, flat, share = needed & ~without, int(np.count_nonzero(without)), surface_share(scene, without)
+    no_area = f"{counted(flat, 'face')} with area {one_or_many(flat, 'has', 'have')} no area in UV space"
+    check = UvCheck(uv_set, flat, share, 0, None, f"{no_area} ({share:.1%} of the surface)" if flat else "")
+    if not mapped.any():
+        return check, None
+    check = replace(check, tiles=int(np.ceil(uvs[mapped].max(axis=1) - np.floor(uvs[mapped].min(axis=1))).max()))
+    if check.tiles > MAX_TILES:
+        fault = f"a face lies on {check.tiles} repeats of the texture; at most {MAX_TILES} may be"
+        return replace(check, fault=fault), None
     atlas = replace(atlas_from_uvs(scene, uvs, mapped), uv_set=uv_set)
     overlap = make_rasterizer(build_layout(scene, atlas, width, height)).overlap()
-    if overlap < MAX_OVERLAP:
-        return UvCheck(uv_set, flat, tiles, overlap, ""), atlas
-    fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MAX_OVERLAP:.1%} may"
-    return UvCheck(uv_set, flat, tiles, overlap, fault), None
+    if share + overlap < MAX_OVERLAP:
+        fault = ""
+    elif overlap >= MAX_OVERLAP:
+        fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MAX_OVERLAP:.1%} may"
+    else:
+        fault = check.fault
+    return replace(check, overlap=overlap, fault=fault), atlas
+
+
+def surface_share(scene: Scene, faces: BoolArray) -> float:
+    """Return the share of the surface that needs UVs which some of its faces, (f,) bool, are."""
+    areas = np.linalg.norm(area_vectors(scene.corners), axis=1)
+    return float(areas[faces].sum() / areas[needs_uvs(scene)].sum())
+
+
+def warnings_on_uvs(scene: Scene, atlas: Atlas, overlap: float) -> list[str]:
+    """Return warnings of what has no texels, or not its own, and of a part that takes most of them.
+
+    overlap   the share of the covered texels whose centre lies inside two faces
+    """
+    lines, kept = [], atlas.method == "keep"
+    lost = needs_uvs(scene) & ~atlas.mapped
+    if count := int(np.count_nonzero(lost)):
+        share = f"{count} of {counted(len(lost), 'face')} ({surface_share(scene, lost):.2g} of the surface)"
+        why = one_or_many(count, "has no area", "have no area") + " in the file's UVs" if kept else "got no UVs"
+        lines.append(f"{share} {why}, so no texels{'; --unwrap xatlas makes new UVs' if kept else ''}")
+    if overlap > (0.0 if kept else MAX_OVERLAP):
+        least = "less than 0.1%" if overlap < MAX_OVERLAP else f"{overlap:.1%}"
+        whose = "they have the value of the face that comes first in the file; --unwrap xatlas makes new UVs"
+        own = "they have the value of one of them"
+        lines.append(f"{least} of the texels lie inside two faces: {whose if kept else own}")
+    areas = doubled_uv_areas(atlas.uvs) * atlas.mapped
+    if not kept and (part := surrounding_part(scene, areas)) is not None:
+        taken = areas[part.faces].sum() / areas.sum()
+        far = f"{part.name!r}: {taken:.0%} of the texture, as it is far larger than the rest"
+        lines.append(f"{far}; if it needs none, --exclude it, or use --occluders-only if it shall still keep out light")
+    return lines
 
 
 def needs_uvs(scene: Scene) -> BoolArray:
