@@ -68,6 +68,17 @@ def test_an_unlit_material_keeps_its_occlusion(tmp_path):
     assert list(messages) == [BEYOND]
 
 
+@pytest.mark.parametrize("kind", ["scenes", "nodes", "meshes", None])
+def test_an_extension_of_something_else_needs_its_set(kind, tmp_path):
+    lights = {"EXT_of_lightmaps": {"maps": [{"texture": {"index": 0, "texCoord": 1}}]}}
+    maker = GltfMaker(tmp_path)
+    maker.node(mesh=maker.mesh(corner(maker, STACKED, STACKED, material=pictured(maker))))
+    maker.json |= {"scene": 0, "scenes": [{"nodes": [0]}]}
+    (maker.json if kind is None else maker.json[kind][0])["extensions"] = lights
+    *_, messages = write_with_texture(maker.load(), tmp_path / "out" / "a.glb")
+    assert BEYOND in messages
+
+
 def test_morph_targets_need_their_set(tmp_path):
     maker = GltfMaker(tmp_path)
     primitive = corner(maker, STACKED, STACKED, material=pictured(maker))

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
-from aoprecalc.io.formats.gltf.occlusion_textures import PrimitiveKey, follow_copies, uv_sets_used
+from aoprecalc.io.formats.gltf.occlusion_textures import (
+    PrimitiveKey,
+    follow_copies,
+    uv_sets_of_extensions,
+    uv_sets_used,
+)
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource, morph_weights
 from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
 from aoprecalc.mesh.topology import corners_to_vertices
@@ -59,10 +64,11 @@ def edit_document(
     buffer = _carry_views(document, json, free, _unused_views(json, free))
 
     texcoords, messages = {}, list[str]()
+    needed = uv_sets_of_extensions(json)
     for part, key in keys.items():
         original, uv_set = originals[part], atlas.uv_set
         if uv_set is None:
-            uv_set = _new_uv_set(document, original)
+            uv_set = _new_uv_set(document, original, needed)
         if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in original["attributes"]:  # a part without area may lack it
             texcoords[key] = uv_set
         new_uvs = {} if atlas.uv_set is not None else {f"TEXCOORD_{uv_set}": flip_v(atlas.uvs[part.faces])}
@@ -107,8 +113,10 @@ def flip_v(uvs: Float64Array) -> Float32Array:
     return np.stack([uvs[..., 0], 1.0 - uvs[..., 1]], axis=-1).astype(np.float32)
 
 
-def _new_uv_set(document: GltfDocument, primitive: Json) -> int:
+def _new_uv_set(document: GltfDocument, primitive: Json, needed: Collection[int]) -> int:
     """Return the n of the TEXCOORD_n for new UVs: the first free one, or that of a set which nothing needs.
+
+    needed   the n of those that any primitive may need
 
     A set is replaced only where all that viewers support are taken; TEXCOORD_1 rather than the first, which simple
     programs show.
@@ -117,7 +125,7 @@ def _new_uv_set(document: GltfDocument, primitive: Json) -> int:
     free = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
     if free < _PORTABLE_UV_SETS:
         return free
-    needed = uv_sets_used(document, primitive)
+    needed = {*needed, *uv_sets_used(document, primitive)}
     return next((number for number in reversed(range(_PORTABLE_UV_SETS)) if number not in needed), free)
 
 

@@ -83,6 +83,16 @@ def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: boo
     return {*_texcoords(holders), *(int(name.removeprefix(_TEXCOORD)) for name in morphed)}
 
 
+def uv_sets_of_extensions(json: Json) -> set[int]:
+    """Return the n of each TEXCOORD_n that extensions of the document, its scenes, nodes and meshes refer to.
+
+    These may mean any primitive: lightmaps are an example.
+    """
+    entries = [json, *(entry for kind in ("scenes", "nodes", "meshes") for entry in json.get(kind, []))]
+    extensions = [item for entry in entries for item in entry.get("extensions", {}).items()]
+    return set(_texcoords([value for name, value in extensions if name != METADATA]))
+
+
 def _texcoords(value: Any) -> Iterator[int]:
     """Yield the texCoord of every textureInfo in a JSON value, and that of its transform."""
     if isinstance(value, dict):
