@@ -43,7 +43,10 @@ class GltfFormat(MeshFormat):
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a .gltf or .glb with the texture as occlusion texture; see `write_gltf`."""
-        return write_gltf(outputs, path, mesh)
+        if not isinstance(mesh.scene.document, GltfDocument):
+            return write_gltf(outputs, path, mesh)
+        with _damage_told(mesh.scene, "it cannot be written back"):
+            return write_gltf(outputs, path, mesh)
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusionTexture of the part's material."""
@@ -60,15 +63,14 @@ class GltfFormat(MeshFormat):
 
 
 @contextmanager
-def _damage_told(scene: Scene) -> Iterator[None]:
+def _damage_told(scene: Scene, found: str = "its materials cannot be read") -> Iterator[None]:
     """Raise an InputError for whatever a damaged document provokes."""
     try:
         yield
-    except AoprecalcError:
+    except (AoprecalcError, OSError, MemoryError):
         raise
     except Exception as error:
-        reason = f"its materials cannot be read ({type(error).__name__}: {error})"
-        raise damaged_file(scene.path, reason) from error
+        raise damaged_file(scene.path, f"{found} ({type(error).__name__}: {error})") from error
 
 
 def _document(scene: Scene) -> GltfDocument:
