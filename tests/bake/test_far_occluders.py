@@ -1,14 +1,19 @@
 """What occludes may be any number of times larger than what receives, and any distance away."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.checks import form_factor
 from aoprecalc.mesh import surface
+from aoprecalc.mesh.roles import assign_roles, baked_apart
 from aoprecalc.mesh.surface import area_vectors, cut_by_distance, sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
+from aoprecalc.visibility import gather
 from shapes import box, clutter, join, quad, rotation, scene_of_parts, triangle_a_cell
 
 slow = pytest.mark.slow
@@ -144,3 +149,80 @@ def test_what_is_near_or_small_is_not_cut():
     near, far = positions[faces] / 2, positions[faces] + (500, 0, 0)
     for triangles in (near, far):
         assert cut_by_distance(triangles).tobytes() == triangles.tobytes()
+
+
+def stools_apart(distance, count=2):
+    """Blocks on a floor, at equal distances, and the floor."""
+    stands = [box((-1 + distance * n, -1, 0.1), (1 + distance * n, 1, 1.5)) for n in range(count)]
+    return [*stands, floor(4 * distance * count)]
+
+
+@backends
+def test_what_is_small_and_far_apart_has_the_values_that_each_has_alone(backend):
+    """The same block at both ends of a floor; only the horizon differs."""
+    shapes = stools_apart(1e4)
+    own = len(shapes[0][1])
+    uvs = np.concatenate([triangle_a_cell(2 * own), np.zeros((2, 3, 2))])
+    made = scene_of_parts(*((positions @ TURN.T, faces) for positions, faces in shapes), uvs=uvs)
+    options = BakeOptions(
+        size=96,
+        directions=512,
+        normals="flat",
+        shadow_size=512,
+        backend=backend,
+        exclude=(),
+        occluders_only=("part 2",),
+    )
+    found = on_surface(bake_scene(made, options))
+    alone = [on_surface(bake_scene(made, replace(options, only=(name,)))) for name in ("part 0", "part 1")]
+    for values, points, normals in (found, *alone):
+        sides = np.abs(normals[:, 2]) < 0.5
+        assert values[sides].mean() == pytest.approx(0.5, abs=0.005)
+        assert values[normals[:, 2] > 0.5] == pytest.approx(1)
+        below = normals[:, 2] < -0.5
+        assert values[below].max() < 0.2
+        assert points[:, 2].min() > 0
+
+
+@pytest.mark.parametrize(
+    ("distance", "count", "passes"),
+    [(1e4, 2, 2), (1e3, 5, 5), (1e3, 17, 1), (10.0, 2, 1), (20.0, 3, 1), (100.0, 4, 4)],
+)
+def test_groups_are_baked_apart_where_they_are_small_few_and_far_apart(distance, count, passes):
+    made = scene_of_parts(*stools_apart(distance, count))
+    roles = baked_apart(assign_roles(made, BakeOptions(occluders_only=(f"part {count}",))))
+    assert len(roles) == passes
+    receivers = sum(shown.receives.astype(int) for shown in roles)
+    assert (receivers == np.repeat([1, 0], [12 * count, 2])).all()
+    assert all(shown.occludes.all() for shown in roles)
+    assert len(baked_apart(assign_roles(made, BakeOptions()))) == 1  # the floor reaches to all
+
+
+def one_part_apart(distance):
+    """Two blocks that are one part, and a floor: nothing tells them apart."""
+    first, second, ground = stools_apart(distance)
+    return [join(first, second), ground]
+
+
+def test_maps_that_are_too_coarse_are_told_with_the_error_that_they_add():
+    shapes = one_part_apart(3e3)
+    maps, rays = (bake(shapes, backend, shadow_size=512, size=128) for backend in ("gl", "ray"))
+    both = maps.texture.valid & rays.texture.valid
+    error = np.sqrt(np.mean((maps.texture.values - rays.texture.values)[both] ** 2))
+    assert error > 0.02
+    (told,) = (re.search(r"add an estimated error of (\S+): .* (\d+) times", line) for line in maps.warnings)
+    assert float(told[1]) == pytest.approx(error, rel=0.35)
+    assert int(told[2]) > 50
+    assert not rays.warnings
+
+
+def test_without_rays_the_error_is_said_to_be_unknown(monkeypatch):
+    monkeypatch.setattr(gather, "embreex_problem", lambda: "not installed")
+    baked = bake(one_part_apart(3e3), "gl", shadow_size=512)
+    assert any("the depth maps add an error of unknown size" in line for line in baked.warnings)
+
+
+@pytest.mark.parametrize("width", [10, 1e4])
+def test_maps_that_are_fine_enough_are_not_told(width):
+    baked = bake([box((-1, -1, 0.1), (1, 1, 1.5)), floor(width)], "gl", shadow_size=None)
+    assert not any("depth maps" in line for line in baked.warnings)

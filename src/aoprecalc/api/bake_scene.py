@@ -33,7 +33,7 @@ from aoprecalc.uv.unwrap import choose_atlas, needs_uvs, surface_share, warnings
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.directions import auto_shadow_size
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
+from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather, map_error
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
 _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark
@@ -73,7 +73,9 @@ def bake_scene(
         if not len(texels):
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
         overlap = setup.overlap()
-        shadow_size = options.shadow_size or auto_shadow_size(scene, atlas, len(texels), options.directions)
+        shadow_size = options.shadow_size or max(
+            auto_shadow_size(side.scene, atlas, len(texels), options.directions) for side in setup.sides
+        )
         chunk_size = texels_per_chunk(
             options.memory_limit,
             size,
@@ -89,6 +91,7 @@ def bake_scene(
                 _gather_side(setup, side, make_visibility, shadow_size, chunk_size, progress) for side in setup.sides
             ]
         dark = dark_texels(setup, sides) if any(side.measured.any() for side in sides) else DarkTexels(0.0)
+        maps = map_error(setup, sides, shadow_size) if backend.kind == "gl" else None
         backend.check_errors()
     if not any(side.measured.any() for side in sides):
         raise UsageError(
@@ -114,7 +117,8 @@ def bake_scene(
         shadow_size=shadow_size if backend.kind == "gl" else None,
         options=_value_options(scene, options),
     )
-    messages = _messages(baked, options, overlap)
+    coarse = [] if maps is None else [maps.warning(shadow_size)]
+    messages = [*filter(None, coarse), *_messages(baked, options, overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
 
 

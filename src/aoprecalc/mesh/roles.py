@@ -1,4 +1,4 @@
-"""The roles of parts: which receive ambient occlusion, which occlude, and at which level of detail."""
+"""The roles of parts: which receive ambient occlusion, which occlude, at which level of detail, which by themselves."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -13,6 +13,8 @@ from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LightOptions, PreviewOptions
 from aoprecalc.types import BoolArray, Float64Array, Part, Scene
 
+_CELLS = 64  # along the longest side of the parts that receive: those with an empty one between them are apart
+_MAX_SHARE, _MAX_GROUPS = 1 / 32, 16  # of that side that each group of parts takes up at most; groups
 _MAX_NAMES = 10  # in an error about a wrong one
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -123,6 +125,50 @@ def at_level(scene: Scene, level: int) -> Scene:
         for part in scene.parts
     )
     return replace(scene, parts=tuple(parts))
+
+
+def baked_apart(scene: Scene) -> tuple[Scene, ...]:
+    """Return the scene with the roles of its parts in each of the passes in which it is baked; one, as a rule.
+
+    Levels of detail are baked by themselves, and so are up to 16 groups of parts that are small and far apart: maps and
+    rays that are as fine as one group needs could not reach to the next. All of them occlude in each of these passes.
+    """
+    return tuple(group for level in range(scene.levels) for group in _groups(at_level(scene, level)))
+
+
+def _groups(scene: Scene) -> tuple[Scene, ...]:
+    receiving = [number for number, part in enumerate(scene.parts) if part.receives and part.stop > part.start]
+    if len(receiving) < 2 or any(part.uv_owner is not None for part in scene.parts):
+        return (scene,)
+    from scipy.ndimage import label  # in functions: slow to import
+
+    corners = [scene.positions[np.unique(scene.faces[scene.parts[number].faces])] for number in receiving]
+    lows, highs = (np.array([getattr(np, end)(points, axis=0) for points in corners]) for end in ("min", "max"))
+    origin, side = lows.min(axis=0), (highs.max(axis=0) - lows.min(axis=0)).max()
+    if not side > 0:
+        return (scene,)
+    cells = (np.stack([lows, highs]) - origin) * (_CELLS / side)
+    first, last = np.minimum(cells.astype(int), _CELLS - 1)
+    taken = np.zeros((_CELLS,) * 3, bool)
+    for low, high in zip(first, last + 1, strict=True):
+        taken[tuple(map(slice, low, high))] = True
+    labels, count = label(taken, np.ones((3, 3, 3)))
+    group_of = labels[tuple(first.T)]
+    numbers = range(1, count + 1)
+    sides = [(highs[group_of == n].max(axis=0) - lows[group_of == n].min(axis=0)).max() for n in numbers]
+    if not 1 < count <= _MAX_GROUPS or max(sides) > _MAX_SHARE * side:
+        return (scene,)
+    group_of_part = dict(zip(receiving, group_of.tolist(), strict=True))
+    return tuple(
+        replace(
+            scene,
+            parts=tuple(
+                replace(part, receives=part.receives and group_of_part.get(number, 1) == n)
+                for number, part in enumerate(scene.parts)
+            ),
+        )
+        for n in numbers
+    )
 
 
 def finest_level(scene: Scene) -> tuple[Scene, BoolArray]:

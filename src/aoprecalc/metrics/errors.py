@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aoprecalc.mesh.roles import at_level
+from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
 from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.options import Estimator, VerifyOptions
@@ -203,15 +203,15 @@ def reference_ao(
     Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
     """
     values: Float64Array = np.zeros(len(points))
-    for level in range(scene.levels):
-        shown = at_level(scene, level)
-        chosen = np.flatnonzero(shown.receives[points.faces]) if scene.levels > 1 else np.arange(len(points))
-        of_level = SurfacePoints(points.faces[chosen], points.weights[chosen])
-        values[chosen] = _at_level(shown, shading, of_level, options, progress, estimator)
+    passes = baked_apart(scene)
+    for baked in passes:
+        chosen = np.flatnonzero(baked.receives[points.faces]) if len(passes) > 1 else np.arange(len(points))
+        own = SurfacePoints(points.faces[chosen], points.weights[chosen])
+        values[chosen] = _in_one_pass(baked, shading, own, options, progress, estimator)
     return values
 
 
-def _at_level(
+def _in_one_pass(
     scene: Scene,
     shading: Float32Array,
     points: SurfacePoints,
@@ -219,7 +219,7 @@ def _at_level(
     progress: Progress,
     estimator: Estimator,
 ) -> Float64Array:
-    """Return the ambient occlusion at points that one level of detail shows."""
+    """Return the ambient occlusion at points of parts that are baked together."""
     surface = NormalizedSurface.from_scene(scene, shading)
     occluders = RayCaster(surface.occluders, options.threads)
     positions, normals, geometric = surface.interpolate(points.faces, points.weights)

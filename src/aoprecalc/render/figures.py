@@ -7,6 +7,7 @@ rendered with it (1.4); and samples of its surface, the spheres that are fitted 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -101,13 +102,12 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
         depths = backend.depths(occluders, projection, size)[:, ::-1]
         sides: list[ResolvedTexture] = []
         for side in setup.sides:
-            chunk = min(FIT_CHUNK, len(side.texels))
+            chunk = max(1, min(FIT_CHUNK, len(side.texels)))
             tester = backend.tester(side.surface, chunk, baked.shadow_size or size)
             sides.append(gather_one_direction(setup, side, tester, direction, chunk))
         backend.check_errors()
-    visibility = pad_and_fill(
-        lighter_of_sides(sides[0], sides[-1]), options.padding, options.fill, repeats=baked.atlas.repeats
-    )
+    lighter = reduce(lighter_of_sides, sides)
+    visibility = pad_and_fill(lighter, options.padding, options.fill, repeats=baked.atlas.repeats)
     in_units = depths.astype(np.float64) * radius + center @ direction
     return DirectionPass(direction, in_units, float(projection.pitch[0, 0]) * radius, visibility)
 

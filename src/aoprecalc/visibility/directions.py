@@ -205,15 +205,16 @@ def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -
     With 1000 directions or more, map texels are somewhat finer than surface texels; with fewer they are coarser. The
     error that maps add is in proportion to their texels, the error that directions leave to N^-3/4; half of that
     exponent keeps the first below the second (measured on two meshes).
-
-    The size of a map texel is that of its longer side, in the mean over all axes.
     """
     area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.mapped]), axis=1).sum()
     if not texels or not area:
         return MIN_SHADOW_SIZE
-    axes, hull = light_axes(2 * _SIZING_AXES), convex_hull_points(positions_of(scene, scene.receives))
-    pitch = fit_projections(axes, hull, MAX_SHADOW_SIZE).pitch
-    side = float(pitch.max(axis=1).mean()) * MAX_SHADOW_SIZE
     fineness = _FINENESS * min(1.0, (directions / _FINE_DIRECTIONS) ** 0.375)
-    size = fineness * side / math.sqrt(area / texels)
+    size = fineness * map_texel(scene, MAX_SHADOW_SIZE) * MAX_SHADOW_SIZE / math.sqrt(area / texels)
     return int(min(MAX_SHADOW_SIZE, max(MIN_SHADOW_SIZE, math.ceil(size / _SIZE_STEP) * _SIZE_STEP)))
+
+
+def map_texel(scene: Scene, size: int) -> float:
+    """Return the longer side of a texel of maps of `size` x `size`, in the mean over all axes, in the scene's units."""
+    axes, hull = light_axes(2 * _SIZING_AXES), convex_hull_points(positions_of(scene, scene.receives))
+    return float(fit_projections(axes, hull, size).pitch.max(axis=1).mean())

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.mesh.roles import at_level
+from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.options.fields import format_bytes
@@ -104,13 +104,15 @@ class BakeInputs:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSide:
-    """One side of the surface, front or back, at one level of detail.
+    """One side of the surface, front or back, in one pass.
 
+    scene     with the roles that its parts have on this side
     surface   flipped so that this side is the front
     texels    those that have a value on this side
     faces     (f,) bool: samples on other faces do not count; None: all count
     """
 
+    scene: Scene
     surface: NormalizedSurface
     texels: Texels
     faces: BoolArray | None
@@ -122,7 +124,7 @@ class BakeSetup:
     axes     (a, 3) float64 unit vectors
     groups   slices of the axes, in the order in which their sums are added
     texels   all that the surface covers
-    sides    the front, and the back where some faces are two-sided, for each level of detail
+    sides    the front, and the back where some faces are two-sided, in each pass: see `baked_apart`
     """
 
     def __init__(self, backend: Backend, inputs: BakeInputs) -> None:
@@ -133,21 +135,21 @@ class BakeSetup:
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()
-        self.sides = [side for level in range(scene.levels) for side in self._sides(at_level(scene, level))]
+        passes = baked_apart(scene)
+        self.sides = [side for baked in passes for side in self._sides(baked, whole=len(passes) == 1)]
 
-    def _sides(self, scene: Scene) -> Iterator[SurfaceSide]:
-        """Yield the front and, where some faces are two-sided, the back of a scene at one level of detail."""
+    def _sides(self, scene: Scene, *, whole: bool) -> Iterator[SurfaceSide]:
+        """Yield the front and, where some faces are two-sided, the back of a scene in a pass, perhaps the only one."""
         surface, receives = NormalizedSurface.from_scene(scene, self.inputs.normals), scene.receives
         two_sided = scene.two_sided & receives
-        all_levels = self.inputs.scene.levels == 1
-        yield SurfaceSide(surface, self.texels, None) if all_levels else self._side(surface, receives)
+        yield SurfaceSide(scene, surface, self.texels, None) if whole else self._side(scene, surface, receives)
         if two_sided.any() and len(self.texels):
-            yield self._side(surface.flipped(), two_sided)
+            yield self._side(scene, surface.flipped(), two_sided)
 
-    def _side(self, surface: NormalizedSurface, faces: BoolArray) -> SurfaceSide:
+    def _side(self, scene: Scene, surface: NormalizedSurface, faces: BoolArray) -> SurfaceSide:
         """Return a side of which only the faces in a mask, (f,) bool, have texels."""
         face = self.center_samples(self.texels).faces
-        return SurfaceSide(surface, self.texels.select((face < 0) | faces[face]), faces)
+        return SurfaceSide(scene, surface, self.texels.select((face < 0) | faces[face]), faces)
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
