@@ -58,7 +58,7 @@ def test_on_kept_uvs_the_picture_stays_and_the_bake_is_the_second(textured, bake
     bake(textured, tmp_path / "out" / "a_ao.png")
     baked = tmp_path / "out" / "a_ao.ply"
     header, _ = tables(baked)
-    assert header.textures == ("../colour.png", "a_ao.png")
+    assert header.textures == ("colour.png", "a_ao.png")
     assert header.comments == ("comment mine",)
     scene = load_scene(baked)
     (color,), warnings = base_colors(scene)
@@ -70,7 +70,7 @@ def test_on_kept_uvs_the_picture_stays_and_the_bake_is_the_second(textured, bake
 def test_a_bake_of_that_replaces_only_the_bake(textured, bake, tmp_path):
     bake(textured, tmp_path / "out" / "a_ao.png")
     bake(tmp_path / "out" / "a_ao.ply", tmp_path / "b.png")
-    assert tables(tmp_path / "b.ply")[0].textures == ("colour.png", "b.png")
+    assert tables(tmp_path / "b.ply")[0].textures == ("out/colour.png", "b.png")
 
 
 def test_on_new_uvs_a_warning_says_where_the_picture_is(textured, bake, tmp_path):

@@ -1,13 +1,15 @@
 """Output files that appear complete and together or not at all, their paths, and JSON documents."""
 
 import errno
+import hashlib
 import json
 import math
 import os
 import re
 import secrets
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, suppress
+from itertools import chain, count
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -75,6 +77,25 @@ class Outputs(AbstractContextManager["Outputs"]):
     def staged(self) -> bool:
         """Tell whether the files are staged, for a caller that may put other files beside them."""
         return self._staging is not None
+
+    def candidates(self, file: Path) -> Iterator[Path]:
+        """Yield a path, then numbered ones, without those of these files."""
+        numbered = (file.with_name(f"{file.stem}_{number}{file.suffix}") for number in count(1))
+        return (name for name in chain([file], numbered) if self.written(name) == name)
+
+    def free_path(self, file: Path, data: bytes, own: Collection[Path] = ()) -> Path:
+        """Return where a copy of these bytes may be written: `file`, or with a number if something else has that name.
+
+        In a staging folder, where others write at the same time, it has a digest of the bytes instead.
+        own   paths that other outputs will have
+        """
+        if self.staged:
+            return file.with_name(f"{file.stem}-{hashlib.sha256(data).hexdigest()[:8]}{file.suffix}")
+        return next(
+            free
+            for free in self.candidates(file)
+            if free not in own and (not free.exists() or free.read_bytes() == data)
+        )
 
     def release(self) -> dict[Path, Path]:
         """Return {final path: temporary path}; the caller now moves or removes the files."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.images import decode_colors, decode_pixels, decode_text, read_colors, read_pixels, read_text
+from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.types import Float32Array, UInt8Array
 
 # Longest first: the mark of UTF-32 begins with that of UTF-16.
@@ -183,6 +184,46 @@ def _folded(name: str) -> str:
 
 
 # Images.
+
+
+class TextureCopies:
+    """Names the textures of a source for a mesh that is written: by their place, or as copies beside it.
+
+    Copies where the mesh is written to another folder, which does not have them in it: that can be moved then, and
+    programs that leave no folder (trimesh) find them. Only images are copied, for a mesh may name any file.
+    """
+
+    def __init__(self, outputs: Outputs, path: Path, source: Path) -> None:
+        """Start without copies; `path` is that of the written mesh, `source` that of the mesh with the textures."""
+        self._outputs, self._path = outputs, path
+        self._stay = os.path.realpath(path.parent) == os.path.realpath(source.parent)
+        self._names: dict[Path, str] = {}
+
+    def name(self, file: Path) -> str:
+        """Return the name of a texture as the written mesh states it."""
+        if file not in self._names:
+            inside = Path(os.path.realpath(file)).is_relative_to(os.path.realpath(self._path.parent))
+            copied = not self._stay and not inside and _is_image(file)
+            self._names[file] = self._copy(file) if copied else relative_path(file, self._path)
+        return self._names[file]
+
+    def _copy(self, file: Path) -> str:
+        data = read_file(file)
+        copy = self._outputs.free_path(self._path.with_name(file.name), data, (self._path,))
+        self._outputs.path(copy).write_bytes(data)
+        return copy.name
+
+
+def _is_image(file: Path) -> bool:
+    """Tell whether a file begins as an image does; its pixels are not decoded."""
+    import OpenImageIO
+
+    image = OpenImageIO.ImageInput.open(str(file))
+    if image is None:
+        OpenImageIO.geterror()  # or it is printed at the end
+        return False
+    image.close()
+    return True
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from aoprecalc.io.formats.base import (
     source_polygons,
 )
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, damaged_file
-from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file
+from aoprecalc.io.formats.files import ColorImages, ImageSource, TextureCopies, same_file
 from aoprecalc.io.formats.ply_table import (
     TYPES,
     Element,
@@ -225,7 +225,7 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
             old = columns.get(name, np.zeros(len(origin))).astype(np.float32)
             columns[name] = np.where(first >= 0, column[first], old)
 
-    kept = document.textures if atlas.uv_set is not None else ()
+    kept, copies = document.textures if atlas.uv_set is not None else (), TextureCopies(outputs, path, scene.path)
     face_values = {
         name: values[faces.owners] for name, values in document.faces.items() if kept or name != _TEXTURE_NUMBER
     }
@@ -238,7 +238,7 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
         *document.others,
     ]
     header = ["ply", "format binary_little_endian 1.0", *document.comments]
-    header += [f"comment TextureFile {relative_path(texture, path)}" for texture in (*kept, mesh.texture)]
+    header += [f"comment TextureFile {name}" for name in (*map(copies.name, kept), relative_path(mesh.texture, path))]
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))

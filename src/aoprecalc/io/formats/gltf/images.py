@@ -3,9 +3,8 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from itertools import chain, count
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -53,7 +52,7 @@ def add_texture(
     if _mime_type(data) not in ("image/png", "image/jpeg"):
         data = png_bytes(read_image(outputs.written(texture)), text)
         notes = (Note(f"{path}: glTF allows no {texture.suffix} images; it gets a copy as 8-bit PNG"),)
-        texture = next(_candidates(outputs, texture.with_suffix(".png")))
+        texture = next(outputs.candidates(texture.with_suffix(".png")))
         if not _embeds(path):
             outputs.path(texture).write_bytes(data)
     image = add_entry(document, "images", _image(path, buffer, texture, data))
@@ -73,7 +72,7 @@ def add_orm_textures(
 
     Returns index of a material -> index of its new texture.
     """
-    names = _candidates(outputs, texture.with_name(f"{texture.stem}_orm.png"))
+    names = outputs.candidates(texture.with_name(f"{texture.stem}_orm.png"))
     images: dict[bytes, int] = {}
     textures: dict[OrmImage, int] = {}
     for image in packed.values():
@@ -125,7 +124,7 @@ def add_base_textures(
             if file not in (material.texture, material.opacity_map):
                 converted |= dict.fromkeys(picture.name for picture in key[:2] if isinstance(picture, Path))
             if not _embeds(path) and not (stay and file in key):
-                file = path.with_name(_free_name(outputs, path, file.name, data))
+                file = outputs.free_path(path.with_name(file.name), data, (path, buffer_file(path)))
                 outputs.path(file).write_bytes(data)
             images[key] = add_entry(document, "images", _image(path, buffer, file, data))
         _assign_base_texture(document, index, images[key], material.placement)
@@ -196,7 +195,7 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
             continue
         if not embed and (_mime_type(data) or file.resolve().is_relative_to(source.parent.resolve())):
             if file not in copies:
-                copies[file] = _free_name(outputs, path, file.name, data)
+                copies[file] = outputs.free_path(path.with_name(file.name), data, (path, buffer_file(path))).name
                 outputs.path(path.parent / copies[file]).write_bytes(data)
             image["uri"] = relative_uri(path.parent / copies[file], path)
         elif not (embed and _embed(image, buffer, data)):
@@ -231,28 +230,6 @@ def _embed(image: Json, buffer: GltfBuffer, data: bytes) -> bool:
 
 def _mime_type(data: bytes) -> str | None:
     return next((kind for start, kind in _MIME_TYPES.items() if re.match(start, data, re.DOTALL)), None)
-
-
-def _free_name(outputs: Outputs, path: Path, name: str, data: bytes) -> str:
-    """Return a free file name beside `path`: the given one, or with a number if another file or output has that.
-
-    In a staging folder, where others write at the same time, it has a digest of the image instead.
-    """
-    if outputs.staged:
-        file = Path(name)
-        return f"{file.stem}-{hashlib.sha256(data).hexdigest()[:8]}{file.suffix}"
-    own = (path, buffer_file(path))
-    return next(
-        free.name
-        for free in _candidates(outputs, path.parent / name)
-        if free not in own and (not free.exists() or free.read_bytes() == data)
-    )
-
-
-def _candidates(outputs: Outputs, file: Path) -> Iterator[Path]:
-    """Yield a path, then numbered ones, without those of other outputs."""
-    numbered = (file.with_name(f"{file.stem}_{number}{file.suffix}") for number in count(1))
-    return (name for name in chain([file], numbered) if outputs.written(name) == name)
 
 
 def buffer_file(path: Path) -> Path:

@@ -11,7 +11,15 @@ import numpy as np
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.base import WHITE, AlphaMode, Placement, SourceMaterial
-from aoprecalc.io.formats.files import ColorImages, FileSearch, ImageSource, file_beside, read_utf8, same_file
+from aoprecalc.io.formats.files import (
+    ColorImages,
+    FileSearch,
+    ImageSource,
+    TextureCopies,
+    file_beside,
+    read_utf8,
+    same_file,
+)
 from aoprecalc.io.images import is_baked, read_opacity
 from aoprecalc.io.outputs import relative_path
 from aoprecalc.progress import Note
@@ -66,13 +74,16 @@ class TextureMap:
             return [f"{self.head.split()[0]} {self.name}"]
         return [f"{option} of {self.head.split()[0]} {self.name}" for option in self.others]
 
-    def relocated(self, target: Path) -> str:
-        """Return the line that names the same file from beside `target`; as it is written where that does so."""
+    def relocated(self, target: Path, copies: TextureCopies | None) -> str:
+        """Return the line that names the same file from beside `target`; as it is written where that does so.
+
+        copies   names the file; None: by its place
+        """
         beside = file_beside(target.parent, self.name)
         if not self.found or same_file(beside, self.file):
             return f"{self.head} {self.name}"
         assert self.file is not None
-        return f"{self.head} {relative_path(self.file, target)}"
+        return f"{self.head} {relative_path(self.file, target) if copies is None else copies.name(self.file)}"
 
 
 @dataclass(frozen=True)

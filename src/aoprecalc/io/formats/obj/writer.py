@@ -21,7 +21,7 @@ from aoprecalc.io.formats.base import (
     output_uvs,
     source_polygons,
 )
-from aoprecalc.io.formats.files import file_beside, same_file
+from aoprecalc.io.formats.files import TextureCopies, file_beside, same_file
 from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
 from aoprecalc.io.formats.obj.reader import ObjDocument, statement
 from aoprecalc.io.formats.polygons import NewUvs, OutputFaces, cut_note
@@ -35,12 +35,19 @@ _WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
 
 
 def library_lines(
-    document: ObjDocument, names: dict[MaterialUse, str], target: Path, texture: str, kept: bool
+    document: ObjDocument,
+    names: dict[MaterialUse, str],
+    target: Path,
+    texture: str,
+    copies: TextureCopies,
+    *,
+    kept: bool,
 ) -> tuple[list[str], WrittenMesh]:
     """Return the lines of an MTL at `target`, where they refer to the baked texture, and warnings.
 
     names     of the materials in the output, see `material_names`
     texture   the path of the baked texture as the MTL states it
+    copies    names the other textures of the materials that are used
     kept      the bake used the mesh's own UVs: other textures stay, and beside a map_Kd the baked one is map_Ka
 
     Unused materials, and those of parts that do not receive, stay as they are.
@@ -54,14 +61,14 @@ def library_lines(
         name = material.name or None
         plain, baked = names.get((name, False)), names.get((name, True))
         if plain or not baked:
-            lines += [f"newmtl {plain or name}", *_statements(material.lines, target), ""]
+            lines += [f"newmtl {plain or name}", *_statements(material.lines, target, copies if plain else None), ""]
         if baked:
             remaining = [line for line in material.lines if not _replaced(line, material, kept)]
             if replaced := [line for line in material.maps if _replaced(line, material, kept)]:
                 lost[baked] = replaced
             slot = "map_Ka" if kept and material.texture else "map_Kd"
             slots[slot] += 1
-            lines += [f"newmtl {baked}", *_statements(remaining, target), f"{slot} {texture}", ""]
+            lines += [f"newmtl {baked}", *_statements(remaining, target, copies), f"{slot} {texture}", ""]
             kept_maps += [line for line in remaining if isinstance(line, TextureMap)]
         else:
             kept_maps += material.maps
@@ -87,9 +94,9 @@ def _names(maps: Iterable[TextureMap]) -> str:
     return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
-def _statements(lines: Sequence[str | TextureMap], target: Path) -> list[str]:
-    """Return the statements of a material for an MTL at `target`."""
-    return [line if isinstance(line, str) else line.relocated(target) for line in lines] or [_WHITE]
+def _statements(lines: Sequence[str | TextureMap], target: Path, copies: TextureCopies | None) -> list[str]:
+    """Return the statements of a material for an MTL at `target`; without `copies` textures keep their place."""
+    return [line if isinstance(line, str) else line.relocated(target, copies) for line in lines] or [_WHITE]
 
 
 def _replaced(line: str | TextureMap, material: MtlMaterial, kept: bool) -> bool:
@@ -285,7 +292,8 @@ def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[WrittenMe
     edited, notes = edit_lines(document, scene, atlas, mesh.normals, names)
     outputs.path(path).write_bytes(_encode([f"mtllib {library.name}", *edited]))
     texture = relative_path(mesh.texture, path)
-    lines, written = library_lines(document, names, library, texture, kept=atlas.uv_set == 0)
+    copies = TextureCopies(outputs, path, scene.path)
+    lines, written = library_lines(document, names, library, texture, copies, kept=atlas.uv_set == 0)
     outputs.path(library).write_bytes(_encode(lines))
     return written, notes
 
