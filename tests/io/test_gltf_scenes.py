@@ -145,10 +145,10 @@ def test_numbers_that_an_unknown_extension_may_know_stay(gltf_cube, bake_gltf):
 
 def test_an_extension_that_may_count_vertices_is_told(gltf_cube, bake_gltf):
     gltf, cube = gltf_cube
-    outline = {"CESIUM_primitive_outline": {"indices": cube["indices"]}}
-    gltf.json["extensionsUsed"] = ["CESIUM_primitive_outline"]
-    gltf.node(mesh=gltf.mesh(cube | {"extensions": outline}))
-    assert any("CESIUM_primitive_outline, which may refer" in line for line in bake_gltf()[2]["warnings"])
+    visible = {"EXT_mesh_primitive_edge_visibility": {"visibility": cube["indices"]}}
+    gltf.json["extensionsUsed"] = ["EXT_mesh_primitive_edge_visibility"]
+    gltf.node(mesh=gltf.mesh(cube | {"extensions": visible}))
+    assert any("EXT_mesh_primitive_edge_visibility, which may refer" in line for line in bake_gltf()[2]["warnings"])
 
 
 @pytest.mark.slow

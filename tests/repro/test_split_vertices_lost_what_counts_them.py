@@ -10,7 +10,7 @@ import pytest
 
 from aoprecalc.io import load_scene
 from gltf_kit.baked_by_hand import write_with_texture
-from gltf_kit.gltf_documents import BLUES, STACKED, TRIANGLES, corner, extend, pictured
+from gltf_kit.gltf_documents import BLUES, POINTS, STACKED, TRIANGLES, corner, extend, pictured
 from gltf_kit.gltf_maker import GltfMaker
 from gltf_kit.gltf_validator import needs_validator, new_issues
 from gltf_kit.gltf_values import GltfValues
@@ -87,13 +87,51 @@ def test_many_feature_ids_do_not_fit_16_bits(gltf, bake):
 
 
 def test_an_accessor_that_an_unknown_extension_shares_is_left_alone(gltf, rewrite):
+    extend(gltf, "EXT_of_ours")
+    primitive = corner(gltf, STACKED)
+    primitive["extensions"] = {"EXT_of_ours": {"edges": [primitive["indices"]]}}
+    _, after, warnings = rewrite(primitive)
+    at = primitives(after)[0]["extensions"]["EXT_of_ours"]["edges"][0]
+    assert after.array(at)[:, 0].tolist() == TRIANGLES.tolist()
+    assert [line for line in warnings if "EXT_of_ours, which may refer" in line]
+
+
+@needs_validator
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("shared", [False, True], ids=["apart", "shares the indices"])
+def test_outlines_follow_their_vertices(shared, mirrored, gltf, bake):
     extend(gltf, "CESIUM_primitive_outline")
     primitive = corner(gltf, STACKED)
-    primitive["extensions"] = {"CESIUM_primitive_outline": {"indices": primitive["indices"]}}
-    _, after, warnings = rewrite(primitive)
-    at = primitives(after)[0]["extensions"]["CESIUM_primitive_outline"]["indices"]
-    assert after.array(at)[:, 0].tolist() == TRIANGLES.tolist()
-    assert [line for line in warnings if "CESIUM_primitive_outline" in line]
+    edges = np.array([0, 1, 1, 2, 2, 3, 3, 0, 4, 5], "<u2")  # without diagonals
+    indices = gltf.indices(edges)
+    if shared:  # each of their pairs is an edge of a triangle
+        edges = np.array([0, 1, 2, 0, 2, 3], "<u2")
+        primitive["indices"] = indices = gltf.indices(edges)
+    primitive["extensions"] = {"CESIUM_primitive_outline": {"indices": indices}}
+    gltf.node(mesh=gltf.mesh(primitive), scale=[-1 if mirrored else 1, 1, 1])
+    scene = gltf.load()
+    path, *_, warnings = bake(scene, "a.glb", normals=scene.normals.astype(np.float32))
+    assert not [line for line in warnings if "outline" in line]
+    before, after = GltfValues(scene.path), GltfValues(path)
+    (one,) = primitives(after)
+    outline = after.array(one["extensions"]["CESIUM_primitive_outline"]["indices"]).reshape(-1, 2)
+    triangles = after.corners(one).reshape(-1, 3)
+    of_triangles = {frozenset(edge) for edge in triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}
+    assert {frozenset(edge) for edge in outline.tolist()} <= of_triangles
+    points = after.array(one["attributes"]["POSITION"])
+    expected = {frozenset(map(tuple, POINTS[edge].tolist())) for edge in edges.reshape(-1, 2)}
+    assert {frozenset(map(tuple, points[edge].tolist())) for edge in outline} == expected
+    assert new_issues(before.path, after.path) == []
+
+
+def test_polygons_encoded_by_first_vertices_are_not_joined(gltf, rewrite):
+    """FB_ngon_encoding: triangles in a row with the same first vertex are one polygon."""
+    extend(gltf, "FB_ngon_encoding")
+    before, after, warnings = rewrite(corner(gltf, STACKED, extensions={"FB_ngon_encoding": {}}))
+    assert not [line for line in warnings if "FB_ngon_encoding" in line]
+    (was,), (one,) = primitives(before), primitives(after)
+    old, new = before.corners(was)[::3], after.corners(one)[::3]
+    assert ((new[1:] == new[:-1]) <= (old[1:] == old[:-1])).all()
 
 
 def test_an_extension_of_the_mesh_is_told_as_well(gltf, rewrite):

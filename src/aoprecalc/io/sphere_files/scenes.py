@@ -104,14 +104,14 @@ def _surface(buffer: GltfBuffer, scene: Scene, origin: Float64Array) -> Json:
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
     if scene.normals is not None:
         attributes["NORMAL"] = buffer.add_floats(scene.normals.reshape(-1, 3)[split.corner])
-    return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
+    return {"attributes": attributes, "indices": buffer.add_indices(split.triangles)}
 
 
 def _icosphere(buffer: GltfBuffer) -> Json:
     """Return the primitive of the unit icosphere, whose points are their own normals."""
     points, triangles = unit_icosphere()
     accessor = buffer.add_floats(points, bounded=True)
-    return {"attributes": {"POSITION": accessor, "NORMAL": accessor}, "indices": buffer.add_triangles(triangles)}
+    return {"attributes": {"POSITION": accessor, "NORMAL": accessor}, "indices": buffer.add_indices(triangles)}
 
 
 def spheres_obj(spheres: SphereSet) -> str:

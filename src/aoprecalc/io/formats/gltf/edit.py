@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, raw_values, view_bytes
 from aoprecalc.io.formats.gltf.occlusion_textures import (
     PrimitiveKey,
     follow_copies,
@@ -27,7 +27,7 @@ from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array,
 # Viewers need to support TEXCOORD_0 and TEXCOORD_1 only.
 _PORTABLE_UV_SETS = 2
 
-FEATURES = "EXT_mesh_features"
+FEATURES, OUTLINE = "EXT_mesh_features", "CESIUM_primitive_outline"
 
 
 def edit_document(
@@ -59,6 +59,7 @@ def edit_document(
     originals = {part: _primitive(document.json, _key(part)) for part in keys}
     for key in keys.values():
         _primitive(json, key).update(attributes={}, targets=[], indices=None)
+        _primitive(json, key).get("extensions", {}).pop(OUTLINE, None)
     still_used = set(_accessors_used(json))
     free = {index for original in originals.values() for index in _primitive_accessors(original)} - still_used
     buffer = _carry_views(document, json, free, _unused_views(json, free))
@@ -195,7 +196,7 @@ def _rewrite(
             added, document, None if name in new_uvs else original["attributes"].get(name)
         )
     triangles = split.triangles[:, REVERSED_WINDING] if source.mirrored else split.triangles
-    indices = buffer.inherit(buffer.add_triangles(triangles), document, original.get("indices"))
+    indices = buffer.inherit(buffer.add_indices(triangles), document, original.get("indices"))
     primitive = deepcopy(original) | {"attributes": attributes, "indices": indices}
     primitive.pop("mode", None)
     if "targets" in original:
@@ -208,6 +209,7 @@ def _rewrite(
             for target, weight in _targets(document, part)
         ]
     _name_features(buffer, primitive, vertices)
+    _move_outline(document, buffer, primitive, part.vertices, split.triangles)
     return primitive
 
 
@@ -224,6 +226,27 @@ def _name_features(buffer: GltfBuffer, primitive: Json, vertices: NDArray[Any]) 
     primitive["attributes"][f"_FEATURE_ID_{number}"] = buffer.add_ids(vertices)
     for feature in implicit:
         feature["attribute"] = number
+
+
+def _move_outline(
+    document: GltfDocument, buffer: GltfBuffer, primitive: Json, before: NDArray[Any], after: NDArray[Any]
+) -> None:
+    """Store the edges of an outline (CESIUM_primitive_outline) as those of new vertices.
+
+    before, after   (f, 3) the vertices of the triangles
+    """
+    outline = primitive.get("extensions", {}).get(OUTLINE)
+    if outline is None:
+        return
+    old, new = (np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) for triangles in (before, after))
+    outlined = np.sort(raw_values(document, outline["indices"]).reshape(-1, 2), axis=1)
+    edges = np.unique(new[np.isin(_edge_keys(old), _edge_keys(outlined))], axis=0)
+    outline["indices"] = buffer.inherit(buffer.add_indices(edges), document, outline["indices"])
+
+
+def _edge_keys(edges: NDArray[Any]) -> NDArray[np.int64]:
+    keys: NDArray[np.int64] = edges[:, 0].astype(np.int64) << 32 | edges[:, 1].astype(np.int64)
+    return keys
 
 
 def _perpendicular(tangents: Float64Array, normals: Float32Array) -> Float32Array:
@@ -353,6 +376,8 @@ def _primitive_accessors(primitive: Json) -> Iterator[int]:
         yield from target.values()
     if primitive.get("indices") is not None:
         yield primitive["indices"]
+    if OUTLINE in primitive.get("extensions", {}):
+        yield primitive["extensions"][OUTLINE]["indices"]
 
 
 def _source(part: Part) -> PrimitiveSource:

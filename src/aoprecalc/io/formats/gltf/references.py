@@ -115,12 +115,12 @@ class GltfBuffer:
             accessor |= {"min": [], "max": []}
         return self.add_rows(accessor, rows.view(np.uint8))
 
-    def add_triangles(self, triangles: NDArray[Any]) -> int:
-        """Append (f, 3) vertex indices, 16-bit where they fit; return the index of the accessor."""
+    def add_indices(self, vertices: NDArray[Any]) -> int:
+        """Append (f, 3) or (e, 2) vertex indices, 16-bit where they fit; return the index of the accessor."""
         # The largest value of the type is the primitive restart index.
-        component = USHORT if triangles.max() < 0xFFFF else UINT
-        view = self.add_view(triangles.astype(COMPONENTS[component]).tobytes(), target=ELEMENT_ARRAY)
-        accessor = {"bufferView": view, "componentType": component, "count": triangles.size, "type": "SCALAR"}
+        component = USHORT if vertices.max(initial=0) < 0xFFFF else UINT
+        view = self.add_view(vertices.astype(COMPONENTS[component]).tobytes(), target=ELEMENT_ARRAY)
+        accessor = {"bufferView": view, "componentType": component, "count": vertices.size, "type": "SCALAR"}
         return self._add_entry("accessors", accessor)
 
     def inherit(self, index: int, document: GltfDocument, predecessor: int | None) -> int:
@@ -232,7 +232,7 @@ KINDS = ("textures", "images", "samplers", "bufferViews")
 _KNOWN_EXTENSIONS = re.compile(
     "KHR_(materials_|texture_|mesh_quantization|lights_punctual|node_|animation_pointer|xmp).*"
     "|EXT_(texture_|mesh_gpu_instancing|mesh_features|structural_metadata|lights_image_based|instance_features).*"
-    "|MSFT_texture_dds|MSFT_lod"
+    "|MSFT_texture_dds|MSFT_lod|FB_ngon_encoding|GODOT_single_root|CESIUM_primitive_outline"
 )
 
 Reference = tuple[Any, Any]  # a dictionary or list, and the key or index under which it holds the index of an entry

@@ -132,7 +132,7 @@ def _primitive(
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
     for name, array in values.items():
         attributes[name] = buffer.add_floats(array.reshape(-1, array.shape[2])[split.corner])
-    return {"attributes": attributes, "indices": buffer.add_triangles(split.triangles)}
+    return {"attributes": attributes, "indices": buffer.add_indices(split.triangles)}
 
 
 def _material(name: str, material: SourceMaterial, *, textured: bool) -> Json:
