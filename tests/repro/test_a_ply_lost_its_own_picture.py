@@ -55,7 +55,8 @@ def textured(tmp_path):
 
 
 def test_on_kept_uvs_the_picture_stays_and_the_bake_is_the_second(textured, bake, tmp_path):
-    bake(textured, tmp_path / "out" / "a_ao.png")
+    lines = bake(textured, tmp_path / "out" / "a_ao.png")
+    assert any("colour.png stays its first TextureFile" in line for line in lines)
     baked = tmp_path / "out" / "a_ao.ply"
     header, _ = tables(baked)
     assert header.textures == ("colour.png", "a_ao.png")

@@ -242,7 +242,9 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
-    return cut_note(faces)
+    stays = ", ".join(file.name for file in kept)
+    note = (Note(f"{path}: {stays} stays its first TextureFile; the baked texture is the last"),) if kept else ()
+    return (*note, *cut_note(faces))
 
 
 def _face_list(polygons: Polygons, faces: OutputFaces, entries: Lists) -> Lists:
