@@ -1,6 +1,5 @@
 """Give the baked primitives of a glTF document their UVs and normals; everything else stays as it is."""
 
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
 from itertools import chain, count, repeat
@@ -12,20 +11,13 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, raw_values, view_bytes
-from aoprecalc.io.formats.gltf.occlusion_textures import (
-    PrimitiveKey,
-    follow_copies,
-    uv_sets_of_extensions,
-    uv_sets_used,
-)
+from aoprecalc.io.formats.gltf.materials import PORTABLE_UV_SETS, new_uv_set, replaced_uv_sets, uv_sets_of_extensions
+from aoprecalc.io.formats.gltf.occlusion_textures import PrimitiveKey, follow_copies
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource, morph_weights
 from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
-
-# Viewers need to support TEXCOORD_0 and TEXCOORD_1 only.
-_PORTABLE_UV_SETS = 2
 
 FEATURES, OUTLINE = "EXT_mesh_features", "CESIUM_primitive_outline"
 
@@ -69,7 +61,7 @@ def edit_document(
     for part, key in keys.items():
         original, uv_set = originals[part], atlas.uv_set
         if uv_set is None:
-            uv_set = _new_uv_set(document, original, needed)
+            uv_set = new_uv_set(document, original, needed)
         if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in original["attributes"]:  # a part without area may lack it
             texcoords[key] = uv_set
         new_uvs = {} if atlas.uv_set is not None else {f"TEXCOORD_{uv_set}": flip_v(atlas.uvs[part.faces])}
@@ -77,7 +69,7 @@ def edit_document(
         primitive = _rewrite(document, buffer, part, original, new_uvs, new_normals)
         json["meshes"][key[0]]["primitives"][key[1]] = primitive
     if atlas.uv_set is None:
-        messages += _replaced_uv_sets(document, [(originals[part], texcoords[key]) for part, key in keys.items()])
+        messages += replaced_uv_sets(document, [(originals[part], texcoords[key]) for part, key in keys.items()])
     messages += _lost_normals(document, changed_normals & keys.keys())
     return json, buffer, texcoords, (*messages, *_messages(document, json, scene, texcoords, list(keys)))
 
@@ -96,7 +88,7 @@ def _messages(
         hint = "" if shared else " (--instances share keeps them together)"
         became = one_or_many(more_meshes, "became a mesh of its own", "became separate meshes")
         messages.append(Note(f"{counted(more_meshes, 'instance')} {became}{hint}"))
-    beyond = sum(number >= _PORTABLE_UV_SETS for number in texcoords.values())
+    beyond = sum(number >= PORTABLE_UV_SETS for number in texcoords.values())
     if beyond:
         use = f"{counted(beyond, 'primitive')} {one_or_many(beyond, 'uses', 'use')}"
         messages.append(f"{use} TEXCOORD_2 or beyond, which not every viewer supports")
@@ -112,37 +104,6 @@ def _messages(
 def flip_v(uvs: Float64Array) -> Float32Array:
     """Return (..., 2) UVs, v upwards, as those of glTF, v downwards."""
     return np.stack([uvs[..., 0], 1.0 - uvs[..., 1]], axis=-1).astype(np.float32)
-
-
-def _new_uv_set(document: GltfDocument, primitive: Json, needed: Collection[int]) -> int:
-    """Return the n of the TEXCOORD_n for new UVs: the first free one, or that of a set which nothing needs.
-
-    needed   the n of those that any primitive may need
-
-    A set is replaced only where all that viewers support are taken; TEXCOORD_1 rather than the first, which simple
-    programs show.
-    """
-    attributes = primitive["attributes"]
-    free = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
-    if free < _PORTABLE_UV_SETS:
-        return free
-    needed = {*needed, *uv_sets_used(document, primitive)}
-    return next((number for number in reversed(range(_PORTABLE_UV_SETS)) if number not in needed), free)
-
-
-def _replaced_uv_sets(document: GltfDocument, uses: Sequence[tuple[Json, int]]) -> Iterator[str]:
-    """Yield warnings about UV sets that nothing referred to and that were replaced.
-
-    uses   original primitives, each with the n of its new TEXCOORD_n
-    """
-    replaced = [
-        number
-        for primitive, number in uses
-        if f"TEXCOORD_{number}" in primitive["attributes"]
-        and number not in uv_sets_used(document, primitive, with_occlusion=True)
-    ]
-    for number, times in sorted(Counter(replaced).items()):
-        yield f"TEXCOORD_{number} of {counted(times, 'primitive')}, to which nothing referred, was replaced"
 
 
 def _lost_normals(document: GltfDocument, parts: Collection[Part]) -> Iterator[str]:

@@ -1,12 +1,18 @@
-"""Textures and materials of a glTF document that is read: images, UV transforms, alpha masks, transparency, colours."""
+"""Textures and materials of a glTF document that is read: images, UV transforms, alpha masks, transparency, colours.
 
-from collections.abc import Iterator
+And the UV sets that they need, so that new UVs get another one.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.builder import check_indices, damaged_file
 from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, data_uri, float_values, local_file, view_bytes
@@ -91,6 +97,7 @@ def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
 
 
 TRANSMISSION, UNLIT, VARIANTS = "KHR_materials_transmission", "KHR_materials_unlit", "KHR_materials_variants"
+METADATA = "EXT_structural_metadata"
 
 
 def material_holders(primitive: Json) -> Iterator[Json]:
@@ -225,3 +232,82 @@ def _base_texture(document: GltfDocument, texture: int, images: ColorImages) -> 
     except InputError as error:  # there is no image
         images.warn(error)
         return None
+
+
+# Which UV sets are needed, and which one new UVs get.
+
+_TEXCOORD = "TEXCOORD_"
+
+# Viewers need to support TEXCOORD_0 and TEXCOORD_1 only.
+PORTABLE_UV_SETS = 2
+
+
+def new_uv_set(document: GltfDocument, primitive: Json, needed: Collection[int]) -> int:
+    """Return the n of the TEXCOORD_n for new UVs: the first free one, or that of a set which nothing needs.
+
+    needed   the n of those that any primitive may need
+
+    A set is replaced only where all that viewers support are taken; TEXCOORD_1 rather than the first, which simple
+    programs show.
+    """
+    attributes = primitive["attributes"]
+    free = next(number for number in count() if f"TEXCOORD_{number}" not in attributes)
+    if free < PORTABLE_UV_SETS:
+        return free
+    needed = {*needed, *uv_sets_used(document, primitive)}
+    return next((number for number in reversed(range(PORTABLE_UV_SETS)) if number not in needed), free)
+
+
+def replaced_uv_sets(document: GltfDocument, uses: Sequence[tuple[Json, int]]) -> Iterator[str]:
+    """Yield warnings about UV sets that nothing referred to and that were replaced.
+
+    uses   original primitives, each with the n of its new TEXCOORD_n
+    """
+    replaced = [
+        number
+        for primitive, number in uses
+        if f"TEXCOORD_{number}" in primitive["attributes"]
+        and number not in uv_sets_used(document, primitive, with_occlusion=True)
+    ]
+    for number, times in sorted(Counter(replaced).items()):
+        yield f"TEXCOORD_{number} of {counted(times, 'primitive')}, to which nothing referred, was replaced"
+
+
+def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: bool = False) -> set[int]:
+    """Return the n of each TEXCOORD_n that a primitive's materials, extensions or morph targets refer to.
+
+    with_occlusion   also for occlusion textures, although a bake replaces them
+    """
+    extensions = primitive.get("extensions", {})
+    holders: list[Any] = [extensions]
+    for holder in material_holders(primitive):
+        if "material" in holder:
+            material = document.entry("materials", holder["material"])
+            stays = with_occlusion or UNLIT in material.get("extensions", {})
+            holders.append({key: value for key, value in material.items() if stays or key != "occlusionTexture"})
+    tables = document.json.get("extensions", {}).get(METADATA, {}).get("propertyTextures", [])
+    holders += [tables[index] for index in extensions.get(METADATA, {}).get("propertyTextures", [])]
+    morphed = {name for target in primitive.get("targets", []) for name in target if name.startswith(_TEXCOORD)}
+    return {*_texcoords(holders), *(int(name.removeprefix(_TEXCOORD)) for name in morphed)}
+
+
+def uv_sets_of_extensions(json: Json) -> set[int]:
+    """Return the n of each TEXCOORD_n that extensions of the document, its scenes, nodes and meshes refer to.
+
+    These may mean any primitive: lightmaps are an example.
+    """
+    entries = [json, *(entry for kind in ("scenes", "nodes", "meshes") for entry in json.get(kind, []))]
+    extensions = [item for entry in entries for item in entry.get("extensions", {}).items()]
+    return set(_texcoords([value for name, value in extensions if name != METADATA]))
+
+
+def _texcoords(value: Any) -> Iterator[int]:
+    """Yield the texCoord of every textureInfo in a JSON value, and that of its transform."""
+    if isinstance(value, dict):
+        if type(value.get("texCoord")) is int:
+            yield value["texCoord"]
+        elif "index" in value:
+            yield 0
+    if isinstance(value, dict | list):
+        for member in value.values() if isinstance(value, dict) else value:
+            yield from _texcoords(member)

@@ -20,9 +20,7 @@ from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
 
-METADATA, POINTER = "EXT_structural_metadata", "KHR_animation_pointer"
-
-_TEXCOORD = "TEXCOORD_"
+POINTER = "KHR_animation_pointer"
 
 PrimitiveKey = tuple[int, int]  # (mesh, primitive)
 
@@ -63,46 +61,6 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     were = f"; their strength is 1, it was {', '.join(f'{strength:g}' for strength in strengths)}" if strengths else ""
     note = f"the occlusion textures of {counted(replaced, 'material')} were replaced{were}"
     return {made[key]: key[1] for key in made}, (*([Note(note)] if replaced else []), *still)
-
-
-def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: bool = False) -> set[int]:
-    """Return the n of each TEXCOORD_n that a primitive's materials, extensions or morph targets refer to.
-
-    with_occlusion   also for occlusion textures, although a bake replaces them
-    """
-    extensions = primitive.get("extensions", {})
-    holders: list[Any] = [extensions]
-    for holder in material_holders(primitive):
-        if "material" in holder:
-            material = document.entry("materials", holder["material"])
-            stays = with_occlusion or UNLIT in material.get("extensions", {})
-            holders.append({key: value for key, value in material.items() if stays or key != "occlusionTexture"})
-    tables = document.json.get("extensions", {}).get(METADATA, {}).get("propertyTextures", [])
-    holders += [tables[index] for index in extensions.get(METADATA, {}).get("propertyTextures", [])]
-    morphed = {name for target in primitive.get("targets", []) for name in target if name.startswith(_TEXCOORD)}
-    return {*_texcoords(holders), *(int(name.removeprefix(_TEXCOORD)) for name in morphed)}
-
-
-def uv_sets_of_extensions(json: Json) -> set[int]:
-    """Return the n of each TEXCOORD_n that extensions of the document, its scenes, nodes and meshes refer to.
-
-    These may mean any primitive: lightmaps are an example.
-    """
-    entries = [json, *(entry for kind in ("scenes", "nodes", "meshes") for entry in json.get(kind, []))]
-    extensions = [item for entry in entries for item in entry.get("extensions", {}).items()]
-    return set(_texcoords([value for name, value in extensions if name != METADATA]))
-
-
-def _texcoords(value: Any) -> Iterator[int]:
-    """Yield the texCoord of every textureInfo in a JSON value, and that of its transform."""
-    if isinstance(value, dict):
-        if type(value.get("texCoord")) is int:
-            yield value["texCoord"]
-        elif "index" in value:
-            yield 0
-    if isinstance(value, dict | list):
-        for member in value.values() if isinstance(value, dict) else value:
-            yield from _texcoords(member)
 
 
 def replaced_references(
