@@ -236,4 +236,4 @@ def _check_known(path: Path) -> None:
 
 
 def _embeds(mesh: Path) -> bool:
-    return mesh.suffix.lower() == ".glb"
+    return mesh.suffix.lower() in (".glb", ".vrm")

@@ -321,7 +321,7 @@ def _joined(pictures: Sequence[OcclusionTexture], main: OcclusionTexture) -> Occ
 
 def _may_be_occlusion(mesh: Mesh, picture: OcclusionTexture) -> bool:
     """Tell whether a texture of the mesh's own is ambient occlusion: glTF and bakes say so, others may have colours."""
-    stated = mesh._scene.format in ("gltf", "glb") or picture.options is not None
+    stated = mesh._scene.format in ("gltf", "glb", "vrm") or picture.options is not None
     return stated or picture.path is None or _is_grey(picture.path)
 
 

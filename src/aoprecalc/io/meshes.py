@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
+from aoprecalc.io.formats.archives import UnpackedFormat, ZipFormat, is_archive
 from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file, text_as_utf8
@@ -25,7 +26,7 @@ from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Scene
 
-FORMATS: tuple[MeshFormat, ...] = (
+_UNPACKED: tuple[MeshFormat, ...] = (
     ObjFormat(),
     PlyFormat(),
     StlFormat(),
@@ -34,6 +35,7 @@ FORMATS: tuple[MeshFormat, ...] = (
     ColladaFormat(),
     ThreeMfFormat(),
 )
+FORMATS = (*_UNPACKED, ZipFormat(_UNPACKED, lambda file: load_scene(file)))
 
 _BY_EXTENSION = {extension: mesh_format for mesh_format in FORMATS for extension in mesh_format.extensions}
 MESH_EXTENSIONS = tuple(_BY_EXTENSION)
@@ -57,14 +59,15 @@ def sniff_format(data: bytes) -> MeshFormat | None:
 
 
 def _scene_format(scene: Scene) -> MeshFormat:
-    return _BY_EXTENSION.get(f".{scene.format}", _ARRAYS)
+    mesh_format = _BY_EXTENSION.get(f".{scene.format}", _ARRAYS)
+    return UnpackedFormat(mesh_format) if is_archive(scene.path) else mesh_format
 
 
 # Reading.
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
-    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, or COLLADA and 3MF through trimesh.
+    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, or COLLADA and 3MF through trimesh, or one in a ZIP.
 
     Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings for the user are in
     Scene.warnings.

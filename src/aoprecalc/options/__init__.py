@@ -78,8 +78,8 @@ __all__ = [
 
 IMAGE_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg", ".tga", ".bmp")
 PICTURE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp")  # of what people look at
-MESH_EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".dae", ".zae", ".3mf")  # read
-BAKED_MESH_EXTENSIONS = (".obj", ".ply", ".gltf", ".glb")  # written, with the UVs of a bake
+MESH_EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".vrm", ".dae", ".zae", ".3mf", ".zip")  # read
+BAKED_MESH_EXTENSIONS = (".obj", ".ply", ".gltf", ".glb", ".vrm")  # written, with the UVs of a bake
 SPHERE_EXTENSIONS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
 
 Documented = TypeVar("Documented", bound=Callable[..., Any])

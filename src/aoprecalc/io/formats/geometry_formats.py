@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, counted, one_or_many
+from aoprecalc.io.formats.archives import check_unpacked_size
 from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.io.formats.builder import MAX_COORDINATE, MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.polygons import lost_faces, polygon_triangles
@@ -29,7 +30,6 @@ _MAX_COARSENESS = 0.02  # the step of float32 over the median edge, beyond which
 _SOLID = re.compile(r"\s*solid\b", re.IGNORECASE)
 _FACET = re.compile(r"^\s*facet\b", re.MULTILINE | re.IGNORECASE)
 _VERTEX = re.compile(r"^[ \t]*vertex((?:[ \t]+\S+)*)[ \t]*$", re.MULTILINE | re.IGNORECASE)
-_MAX_UNPACKED = 1 << 30  # bytes of a zipped file; as XML that is more triangles than a bake can use
 
 # trimesh logs errors and tracebacks; logging prints them unless somebody listens.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -305,7 +305,9 @@ class TrimeshFormat(MeshFormat):
         if kind not in available_formats():
             needed = " and ".join(self.packages)
             raise InputError(f"{path}: {self.name} needs the package {needed}; `pip install 'aoprecalc[formats]'`")
-        _check_unpacked_size(path, data)
+        if data.startswith(b"PK"):
+            with ZipFile(BytesIO(data)) as archive:
+                check_unpacked_size(path, archive)
         load: Any = mesh_loaders[kind]
         loaded = load(file_obj=BytesIO(data), file_type=kind, resolver=None)
         return build_scene(path, kind, list(_pieces(loaded)))
@@ -313,17 +315,6 @@ class TrimeshFormat(MeshFormat):
     def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
         """Return .glb."""
         return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
-
-
-def _check_unpacked_size(path: Path, data: bytes) -> None:
-    """Raise InputError for a ZIP that would fill the memory, as a few megabytes of it may."""
-    if not data.startswith(b"PK"):
-        return
-    with ZipFile(BytesIO(data)) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > _MAX_UNPACKED:
-        expected = f"at most {_MAX_UNPACKED >> 30} GiB were expected; use a smaller model"
-        raise InputError(f"{path}: is a ZIP of {size / (1 << 30):.1f} GiB when unpacked, {expected}")
 
 
 def _pieces(loaded: dict[str, Any]) -> Iterator[MeshPiece]:

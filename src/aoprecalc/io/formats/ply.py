@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
+from aoprecalc.io.formats.archives import check_pictures
 from aoprecalc.io.formats.base import (
     MeshFormat,
     MeshWithAo,
@@ -325,6 +326,7 @@ class PlyFormat(MeshFormat):
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a PLY; see `write_ply`."""
+        check_pictures(path, mesh.scene)
         notes = write_ply(outputs, path, mesh)
         return WrittenMesh((TextureReference("TextureFile", " and ".join(_UVS)),), (*self.losses(path, mesh), *notes))
 

@@ -1,7 +1,8 @@
-"""glTF 2.0, as .gltf with its buffer and images beside it or as one .glb."""
+"""glTF 2.0, as .gltf with its buffer and images beside it, or as one .glb, which avatars call .vrm."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from aoprecalc.errors import AoprecalcError
@@ -21,7 +22,7 @@ class GltfFormat(MeshFormat):
     """The triangles of the shown scene; written back with everything else unchanged."""
 
     name = "glTF"
-    extensions = (".gltf", ".glb")
+    extensions = (".gltf", ".glb", ".vrm")
     writes = packs_orm = alpha = holds_options = True
     one_uv_set = False
 
@@ -44,9 +45,14 @@ class GltfFormat(MeshFormat):
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a .gltf or .glb with the texture as occlusion texture; see `write_gltf`."""
         if not isinstance(mesh.scene.document, GltfDocument):
-            return write_gltf(outputs, path, mesh)
-        with _damage_told(mesh.scene, "it cannot be written back"):
-            return write_gltf(outputs, path, mesh)
+            written = write_gltf(outputs, path, mesh)
+        else:
+            with _damage_told(mesh.scene, "it cannot be written back"):
+                written = write_gltf(outputs, path, mesh)
+        if path.suffix.lower() != ".vrm" or mesh.scene.format == "vrm":
+            return written
+        lacks = f"{path}: lacks what makes an avatar of a GLB, as {mesh.scene.path.name} has none; write a .glb"
+        return replace(written, messages=(*written.messages, lacks))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusionTexture of the part's material."""

@@ -28,6 +28,7 @@ from aoprecalc.types import Float64Array
 Json = dict[str, Any]
 
 MAGIC = b"glTF"
+BINARY_EXTENSIONS = (".glb", ".vrm")  # of documents in one file
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
 
 

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.base import Placement, SourceMaterial
 from aoprecalc.io.formats.files import read_file
-from aoprecalc.io.formats.gltf.document import Json, data_uri, is_misnamed, local_file
+from aoprecalc.io.formats.gltf.document import BINARY_EXTENSIONS, Json, data_uri, is_misnamed, local_file
 from aoprecalc.io.formats.gltf.materials import TRANSFORM
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry
@@ -245,7 +245,7 @@ def buffer_file(path: Path) -> Path:
 
 def _embeds(path: Path) -> bool:
     """Tell whether a document of that name embeds its images."""
-    return path.suffix.lower() == ".glb"
+    return path.suffix.lower() in BINARY_EXTENSIONS
 
 
 def _image(path: Path, buffer: GltfBuffer, file: Path, data: bytes) -> Json:

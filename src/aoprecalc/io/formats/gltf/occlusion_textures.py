@@ -56,6 +56,7 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
         document["materials"] = materials
     replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
     follow_copies(document, "materials", [(key[0], new) for key, new in made.items() if key[0] is not None])
+    _describe_copies(document, made)
     still = _stop_animations(document, [f"/materials/{index}/occlusionTexture/extensions/" for index in made.values()])
     strengths = sorted({_strength(materials[index]) for index, _ in made if index is not None} - {1.0})
     were = f"; their strength is 1, it was {', '.join(f'{strength:g}' for strength in strengths)}" if strengths else ""
@@ -144,6 +145,14 @@ def follow_copies(document: Json, kind: str, copies: Iterable[tuple[int, int]]) 
                     another = deepcopy(channel)
                     another["target"]["extensions"][POINTER]["pointer"] = _pointer(channel).replace(before, after, 1)
                     animation["channels"].append(another)
+
+
+def _describe_copies(document: Json, made: Mapping[tuple[int | None, int], int]) -> None:
+    """Describe new materials in the list of VRM 0, which has an entry for each, as those they are copies of."""
+    described = document.get("extensions", {}).get("VRM", {}).get("materialProperties")
+    for (index, _), new in sorted(made.items(), key=lambda item: item[1]):
+        if described and new == len(described):
+            described.append(deepcopy(described[index or 0]))
 
 
 def _stop_animations(document: Json, prefixes: Collection[str]) -> tuple[str, ...]:

@@ -232,7 +232,7 @@ KINDS = ("textures", "images", "samplers", "bufferViews")
 _KNOWN_EXTENSIONS = re.compile(
     "KHR_(materials_|texture_|mesh_quantization|lights_punctual|node_|animation_pointer|xmp).*"
     "|EXT_(texture_|mesh_gpu_instancing|mesh_features|structural_metadata|lights_image_based|instance_features).*"
-    "|MSFT_texture_dds|MSFT_lod|FB_ngon_encoding|GODOT_single_root|CESIUM_primitive_outline"
+    "|MSFT_texture_dds|MSFT_lod|FB_ngon_encoding|GODOT_single_root|CESIUM_primitive_outline|VRM|VRMC_.*"
 )
 
 Reference = tuple[Any, Any]  # a dictionary or list, and the key or index under which it holds the index of an entry
@@ -344,8 +344,10 @@ def _kind(names: tuple[str, ...]) -> str | None:
     # Any textureInfo, in extensions as well; EXT_structural_metadata has some under arbitrary names.
     if last == "index" and (owner.lower().endswith("texture") or "propertyTextures" in names):
         return "textures"
-    # Extensions of a texture have a source; specularImages belongs to EXT_lights_image_based.
-    if (last == "source" and names[0] == "textures") or last == "specularImages":
+    if "textureProperties" in names or names[-3:] == ("VRM", "meta", "texture"):  # avatars of VRM 0
+        return "textures"
+    # Extensions of a texture have a source; specularImages is of EXT_lights_image_based, thumbnailImage of VRM 1.
+    if (last == "source" and names[0] == "textures") or last in ("specularImages", "thumbnailImage"):
         return "images"
     if names == ("textures", "sampler"):
         return "samplers"

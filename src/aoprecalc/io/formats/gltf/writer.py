@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aoprecalc.io.formats.archives import inner_path
 from aoprecalc.io.formats.base import (
     MaterialUse,
     MeshWithAo,
@@ -20,7 +21,7 @@ from aoprecalc.io.formats.base import (
     source_materials,
 )
 from aoprecalc.io.formats.gltf.compression import EXTENSIONS
-from aoprecalc.io.formats.gltf.document import BIN_CHUNK, JSON_CHUNK, MAGIC, GltfDocument, Json
+from aoprecalc.io.formats.gltf.document import BIN_CHUNK, BINARY_EXTENSIONS, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document, flip_v
 from aoprecalc.io.formats.gltf.images import (
     add_base_textures,
@@ -161,7 +162,9 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     scene, atlas, texture = mesh.scene, mesh.atlas, mesh.texture
     is_new = not isinstance(scene.document, GltfDocument)
     messages, sources = list[str](), dict[int, SourceMaterial]()
+    source = inner_path(scene.path)
     if isinstance(scene.document, GltfDocument):
+        source = scene.document.path
         document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals)
         messages += notes
     else:
@@ -170,7 +173,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     messages += notes
     text, packed, shown = options_text(mesh.options), dict[int, OrmImage](), dict[int, int]()
     if mesh.pack == "orm":
-        so_far = GltfDocument(scene.path, document, (buffer.data,))
+        so_far = GltfDocument(source, document, (buffer.data,))
         packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)
         messages += notes
 
@@ -178,9 +181,9 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     release_references(document, buffer, replaced_references(document, materials, packed))
     if is_new:
         with_uvs = {index: source for index, source in sources.items() if scene.uv_sets}
-        messages += add_base_textures(outputs, path, document, buffer, with_uvs, scene.path)
+        messages += add_base_textures(outputs, path, document, buffer, with_uvs, source)
     else:
-        messages += carry_images(outputs, path, document, buffer, scene.path)
+        messages += carry_images(outputs, path, document, buffer, source)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
     if len(textures) < len(materials):
         number, notes = add_texture(outputs, path, document, buffer, texture, text, repeats=atlas.repeats)
@@ -212,7 +215,7 @@ def _write(outputs: Outputs, path: Path, document: Json, data: bytes) -> tuple[s
     document["buffers"] = [{"byteLength": len(data), **(said[0] if said else {})}]
     warning = f"{path}: one buffer replaces those of the file; it keeps the name and extras of the first"
     warnings = (warning,) if len(said) > 1 else ()
-    if path.suffix.lower() == ".glb":
+    if path.suffix.lower() in BINARY_EXTENSIONS:
         text = json.dumps(document, separators=(",", ":")).encode()
         outputs.path(path).write_bytes(glb(text, data))
         return warnings

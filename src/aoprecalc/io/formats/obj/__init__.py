@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+from aoprecalc.io.formats.archives import check_pictures
 from aoprecalc.io.formats.base import (
     MeshFormat,
     MeshWithAo,
@@ -64,6 +65,7 @@ class ObjFormat(MeshFormat):
 
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write an OBJ and its MTL; see `write_obj`."""
+        check_pictures(path, mesh.scene)
         written, notes = write_obj(outputs, path, mesh)
         return replace(written, messages=(*written.messages, *self.losses(path, mesh), *notes))
 

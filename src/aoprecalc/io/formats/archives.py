@@ -1,0 +1,181 @@
+"""A ZIP that holds one mesh with its files, as shops and web sites hand them out.
+
+It is unpacked into a temporary folder, which is removed when nothing refers to the mesh's document any more.
+"""
+
+import re
+import shutil
+import tempfile
+import weakref
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from zipfile import BadZipFile, ZipFile, ZipInfo
+
+from aoprecalc.errors import InputError, UsageError, counted
+from aoprecalc.io.formats.base import ColorImages, MeshFormat, PartOcclusion
+from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.progress import Note
+from aoprecalc.types import Atlas, BaseColor, Part, Scene
+
+EXTENSION = ".zip"
+
+_MAX_UNPACKED = 1 << 30  # bytes of all files together
+_MAX_FILES = 10_000
+_MAX_NAMES = 8  # of meshes in a message
+_ENCRYPTED = 1  # a flag of an entry
+_FOLDER = "aoprecalc-zip-"
+
+
+def is_archive(path: Path) -> bool:
+    """Tell whether a path is that of a ZIP."""
+    return path.suffix.lower() == EXTENSION
+
+
+def inner_path(path: Path) -> Path:
+    """Return the path of a scene; of one that was in a ZIP a path in it, which is in no folder of an output."""
+    return path / "mesh" if is_archive(path) else path
+
+
+def check_pictures(path: Path, scene: Scene) -> None:
+    """Raise UsageError for a mesh at `path` that cannot refer to the pictures of a scene, as they are in a ZIP."""
+    if is_archive(scene.path):
+        raise UsageError(f"{path}: cannot refer to pictures in {scene.path}; write a .glb or .gltf")
+
+
+def check_unpacked_size(path: Path, archive: ZipFile) -> None:
+    """Raise InputError for a ZIP that would fill the memory or the disk, as a few megabytes of it may."""
+    entries = archive.infolist()
+    size = sum(entry.file_size for entry in entries)
+    if size > _MAX_UNPACKED:
+        expected = f"at most {_MAX_UNPACKED >> 30} GiB were expected; use a smaller model"
+        raise InputError(f"{path}: is a ZIP of {size / (1 << 30):.1f} GiB when unpacked, {expected}")
+    if len(entries) > _MAX_FILES:
+        raise InputError(f"{path}: is a ZIP of {len(entries)} files, at most {_MAX_FILES} were expected; unpack it")
+
+
+class ZipFormat(MeshFormat):
+    """A ZIP that holds one mesh of another format, with its files."""
+
+    name = "ZIP"
+    extensions = (EXTENSION,)
+
+    def __init__(self, formats: Iterable[MeshFormat], load: Callable[[Path], Scene]) -> None:
+        """Read meshes of the given formats by `load`."""
+        self._known = tuple(extension for one in formats for extension in one.extensions)
+        self._load = load
+
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether it begins with a file in a ZIP, and is no 3MF."""
+        return data.startswith(b"PK\3\4") and b"3dmodel.model" not in data.lower()
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Read its mesh as one of its own format, at the path of the ZIP."""
+        folder = Path(tempfile.mkdtemp(prefix=_FOLDER))
+        document: object = None
+        try:
+            with _damage_told(path), ZipFile(BytesIO(data)) as archive:
+                check_unpacked_size(path, archive)
+                files = dict(_safe_files(path, archive))
+                mesh = self._only_mesh(path, list(files))
+                for name, entry in files.items():
+                    target = folder / name
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    target.write_bytes(archive.read(entry))
+            try:
+                scene = self._load(folder / mesh)
+            except InputError as error:
+                raise InputError(_outside(str(error), folder, path)) from error
+            document = scene.document
+            warnings = tuple(_outside(line, folder, path) for line in scene.warnings)
+            notes = tuple(Note(_outside(line, folder, path)) for line in scene.notes)
+            return replace(scene, path=path, warnings=warnings, notes=notes)
+        finally:
+            if document is None:
+                shutil.rmtree(folder, ignore_errors=True)
+            else:  # it refers to pictures
+                weakref.finalize(document, shutil.rmtree, folder, ignore_errors=True)
+
+    def _only_mesh(self, path: Path, names: list[str]) -> str:
+        """Return the name of the one mesh; raises InputError where there are more or none."""
+        found = [name for name in names if name.lower().endswith(self._known)]
+        if len(found) == 1:
+            return found[0]
+        if not found:
+            nested = next((name for name in names if name.lower().endswith(EXTENSION)), None)
+            hint = f"unpack it and use {nested}" if nested else "pack the mesh with its files"
+            kinds = ", ".join(self._known)
+            raise InputError(f"{path}: {counted(len(names), 'file')} and no mesh, one of {kinds} was expected; {hint}")
+        listed = ", ".join(found[:_MAX_NAMES]) + (", ..." if len(found) > _MAX_NAMES else "")
+        raise InputError(f"{path}: holds {len(found)} meshes ({listed}), one was expected; unpack it and name one")
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        raise damaged_file(path, f"a ZIP was expected, but it cannot be unpacked ({reason})") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be unpacked ({error.strerror}); unpack it yourself") from error
+
+
+def _safe_files(path: Path, archive: ZipFile) -> Iterator[tuple[str, ZipInfo]]:
+    """Yield the relative path of each file, with forward slashes; raises InputError for one that leaves the folder.
+
+    Hidden files are left out, and those that macOS adds. A link becomes a file with the text of its target.
+    """
+    for entry in archive.infolist():
+        name = PurePosixPath(entry.filename.replace("\\", "/"))
+        if entry.is_dir() or "__MACOSX" in name.parts or name.name.startswith("."):
+            continue
+        if name.is_absolute() or ".." in name.parts or re.search(r'[:*?"<>|\x00-\x1f]', str(name)):
+            raise InputError(f"{path}: a file in it is named {str(name)[:80]!a}, a path inside it was expected")
+        if entry.flag_bits & _ENCRYPTED:
+            raise InputError(f"{path}: is protected by a password; unpack it and use the mesh inside")
+        yield str(name), entry
+
+
+def _outside(message: str, folder: Path, path: Path) -> str:
+    """Return a message in which unpacked files have the path of the archive."""
+    return message.replace(str(folder), str(path))
+
+
+class UnpackedFormat(MeshFormat):
+    """The format of a mesh that was in a ZIP: its copy is a GLB, which holds its pictures.
+
+    inner   the format of the mesh
+    """
+
+    def __init__(self, inner: MeshFormat) -> None:
+        """Behave as the inner format."""
+        self._inner = inner
+        self.name, self.not_read = inner.name, inner.not_read  # type: ignore[misc]
+
+    def sniff(self, data: bytes) -> bool:
+        """Ask the inner format."""
+        return self._inner.sniff(data)
+
+    def read(self, path: Path, data: bytes) -> Scene:
+        """Ask the inner format."""
+        return self._inner.read(path, data)
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return the ZIP."""
+        return [scene.path]
+
+    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+        """Return .glb."""
+        return ".glb", f"the {self.name} of a ZIP becomes a GLB with its pictures"
+
+    def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
+        """Ask the inner format."""
+        return self._inner.occlusion_of(scene, part)
+
+    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
+        """Ask the inner format."""
+        return self._inner.base_colors(scene, images, occlusion)
