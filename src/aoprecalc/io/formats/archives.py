@@ -16,8 +16,9 @@ from pathlib import Path, PurePosixPath
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
 from aoprecalc.errors import InputError, UsageError, counted
-from aoprecalc.io.formats.base import ColorImages, MeshFormat, PartOcclusion
+from aoprecalc.io.formats.base import MeshFormat, PartOcclusion
 from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.progress import Note
 from aoprecalc.types import Atlas, BaseColor, Part, Scene
 
