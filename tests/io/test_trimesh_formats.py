@@ -1,6 +1,8 @@
 """COLLADA and 3MF are read through trimesh: the geometry of every instance, in the world."""
 
+import io
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -65,9 +67,9 @@ def test_the_bake_becomes_a_glb_and_says_what_is_missing(box_dae, bake):
     scene = load_scene(box_dae)
     suffix, reason = output_mesh_extension(scene)
     assert (suffix, "COLLADA" in reason) == (".glb", True)
-    path, _, _, warnings = bake(scene, "box_ao.glb")
+    path, *_ = bake(scene, "box_ao.glb")
     assert len(load_scene(path).faces) == 12
-    assert any("COLLADA was read without its materials" in line for line in warnings)
+    assert scene.warnings == (f"{box_dae}: COLLADA is read without materials, which it has; export it as glTF",)
 
 
 def test_a_missing_package_is_named(boxes_3mf, monkeypatch):
@@ -89,3 +91,74 @@ def test_a_file_under_a_wrong_extension_is_recognised(save, box_dae, cube_obj):
     for name, path, expected in (("a.obj", box_dae, "COLLADA"), ("b.glb", cube_obj, "OBJ"), ("c.3mf", cube_obj, "OBJ")):
         with pytest.raises(InputError, match=f"its content is {expected}"):
             load_scene(save(name, path.read_bytes()))
+
+
+@pytest.mark.parametrize(
+    ("element", "words"),
+    [
+        ("<library_images><image><init_from>a.png</init_from></image></library_images>", "textures"),
+        ("<library_animations><animation/></library_animations>", "animations"),
+        ("<library_cameras><camera id='a'/></library_cameras>", "cameras"),
+        ("<library_lights><light id='a'/></library_lights>", "lights"),
+    ],
+)
+def test_what_a_collada_has_and_is_not_read_is_named(save, element, words):
+    text = box().export(file_type="dae").decode()
+    assert words not in load_scene(save("a.dae", text)).warnings[0]
+    with_more = text.replace("<library_geometries>", f"{element}<library_geometries>", 1)
+    assert words in load_scene(save("b.dae", with_more)).warnings[0]
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as files:
+        files.writestr("b.dae", with_more)
+    assert words in load_scene(save("b.zae", archive.getvalue())).warnings[0]
+
+
+def with_model(path, old, new):
+    """The bytes of a 3MF in whose model a text is replaced."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(path) as before, zipfile.ZipFile(made, "w") as after:
+        for name in before.namelist():
+            content = before.read(name)
+            after.writestr(name, content.replace(old, new) if name.lower().endswith(".model") else content)
+    return made.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("element", "words"),
+    [
+        (b'<basematerials id="9"><base name="a" displaycolor="#FF0000"/></basematerials>', "materials and colours"),
+        (b'<m:colorgroup id="9"><m:color color="#FF0000"/></m:colorgroup>', "materials and colours"),
+        (b'<m:texture2d id="9" path="/3D/a.png" contenttype="image/png"/>', "textures"),
+    ],
+)
+def test_what_a_3mf_has_and_is_not_read_is_named(save, boxes_3mf, element, words):
+    assert load_scene(boxes_3mf).warnings == ()
+    data = with_model(boxes_3mf, b"<resources>", b"<resources>" + element)
+    (warning,) = load_scene(save("b.3mf", data)).warnings
+    assert f"3MF is read without {words}, which it has" in warning
+
+
+def test_units_and_axes_are_told(save, boxes_3mf, box_dae):
+    (note,) = load_scene(boxes_3mf).notes
+    assert "its unit is the millimeter, and Z points up" in note
+    assert np.ptp(load_scene(boxes_3mf).positions, axis=0).tolist() == [6, 2, 3]
+    text = box().export(file_type="dae").decode()
+    assert load_scene(save("a.dae", text)).notes == ()
+    inches = re.sub(r"<unit [^>]*>|<up_axis>[^<]*</up_axis>", "", text)
+    asset = '<unit name="inch" meter="0.0254"/><up_axis>Z_UP</up_axis></asset>'
+    notes = load_scene(save("b.dae", inches.replace("</asset>", asset, 1))).notes
+    assert ["its unit is 0.0254 metres" in notes[0], "its axis Z points up" in notes[1]] == [True, True]
+
+
+def test_3mf_components_and_transforms_are_placed(save, boxes_3mf):
+    part = b'<object id="50"><components><component objectid="1" transform="0 1 0 -1 0 0 0 0 1 7 8 9"/>'
+    part += b"</components></object></resources>"
+    data = with_model(boxes_3mf, b"</resources>", part)
+    item = b'<item objectid="50" transform="1 0 0 0 1 0 0 0 1 100 0 0"/></build>'
+    data = with_model(io.BytesIO(data), b"</build>", item)
+    scene = load_scene(save("b.3mf", data))
+    sizes = [np.ptp(scene.corners[part.faces].reshape(-1, 3), axis=0).tolist() for part in scene.parts]
+    middles = [scene.corners[part.faces].reshape(-1, 3).mean(axis=0).tolist() for part in scene.parts]
+    assert [2, 1, 3] in sizes
+    assert pytest.approx([107, 8, 9]) in middles
+    assert len(scene.parts) == 3

@@ -13,11 +13,11 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
-from aoprecalc.io.formats.archives import UnpackedFormat, ZipFormat, is_archive
+from aoprecalc.io.formats.archives import ColladaFormat, ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
 from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file, text_as_utf8
-from aoprecalc.io.formats.geometry_formats import ColladaFormat, OffFormat, StlFormat, ThreeMfFormat
+from aoprecalc.io.formats.geometry_formats import OffFormat, StlFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat

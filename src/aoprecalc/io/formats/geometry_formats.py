@@ -1,4 +1,4 @@
-"""The formats of which only geometry is read: STL, OFF, COLLADA and 3MF. A bake of them is written as GLB."""
+"""STL and OFF, of which the geometry is read. A bake of them is written as GLB."""
 
 import logging
 import re
@@ -8,20 +8,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import Any, ClassVar
-from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, counted, one_or_many
-from aoprecalc.io.formats.archives import check_unpacked_size
 from aoprecalc.io.formats.base import MeshFormat
-from aoprecalc.io.formats.builder import MAX_COORDINATE, MeshPiece, build_scene, check_indices, cofactors, damaged_file
+from aoprecalc.io.formats.builder import MAX_COORDINATE, MeshPiece, build_scene, check_indices, damaged_file
 from aoprecalc.io.formats.polygons import lost_faces, polygon_triangles
 from aoprecalc.mesh.topology import weld_corners
 from aoprecalc.progress import Note
-from aoprecalc.types import REVERSED_WINDING, Atlas, Scene
+from aoprecalc.types import Scene
 
 _HEADER_BYTES = 84  # of a binary STL: 80 bytes of text and the number of faces
 _FACE_BYTES = 50
@@ -283,82 +280,3 @@ def _off_faces(path: Path, header: _OffHeader, lines: _Lines) -> list[list[int]]
 
 def _shown(words: list[bytes]) -> str:
     return ascii(b" ".join(words[:20]).decode("latin-1")[:60])
-
-
-# Formats that are read through trimesh: triangles, the placement of each instance, and of COLLADA normals and UVs.
-
-
-class TrimeshFormat(MeshFormat):
-    """A format for which trimesh has a loader.
-
-    packages   which that loader needs, beside trimesh; the extra `formats` installs them
-    """
-
-    packages: ClassVar[tuple[str, ...]]
-
-    def read(self, path: Path, data: bytes) -> Scene:
-        """Read every instance of every mesh as a part; raises InputError where a package is missing."""
-        from trimesh import available_formats  # takes half a second, which other formats should not pay
-        from trimesh.exchange.load import mesh_loaders
-
-        kind = path.suffix.lower().removeprefix(".")
-        if kind not in available_formats():
-            needed = " and ".join(self.packages)
-            raise InputError(f"{path}: {self.name} needs the package {needed}; `pip install 'aoprecalc[formats]'`")
-        if data.startswith(b"PK"):
-            with ZipFile(BytesIO(data)) as archive:
-                check_unpacked_size(path, archive)
-        load: Any = mesh_loaders[kind]
-        loaded = load(file_obj=BytesIO(data), file_type=kind, resolver=None)
-        return build_scene(path, kind, list(_pieces(loaded)))
-
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
-        """Return .glb."""
-        return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
-
-
-def _pieces(loaded: dict[str, Any]) -> Iterator[MeshPiece]:
-    """Yield each instance of a geometry, placed in the world, from what a loader of trimesh returns."""
-    from trimesh.scene.transforms import SceneGraph
-
-    graph: Any = SceneGraph(base_frame=loaded.get("base_frame", "world"))
-    for edge in loaded["graph"]:
-        graph.update(**edge)
-    for node in graph.nodes_geometry:
-        matrix, name = graph.get(node)
-        mesh, linear = loaded["geometry"][name], matrix[:3, :3]
-        faces = np.asarray(mesh["faces"], np.int64).reshape(-1, 3)
-        mirrored = np.linalg.det(linear) < 0
-        if mirrored:
-            faces = faces[:, REVERSED_WINDING]
-        positions = np.asarray(mesh["vertices"], np.float64).reshape(-1, 3) @ linear.T + matrix[:3, 3]
-        normals, uvs = mesh.get("vertex_normals"), getattr(mesh.get("visual"), "uv", None)
-        if normals is not None:
-            normals = (normals @ cofactors(linear).T * (-1 if mirrored else 1))[faces]
-        yield MeshPiece(str(node), positions, faces, normals, () if uvs is None else (uvs[faces],), names=(str(name),))
-
-
-class ColladaFormat(TrimeshFormat):
-    """COLLADA, plain or zipped."""
-
-    name = "COLLADA"
-    extensions = (".dae", ".zae")
-    packages = ("pycollada",)
-    not_read = "its materials, other UV sets, skins, animations, cameras and lights"
-
-    def sniff(self, data: bytes) -> bool:
-        """Tell whether there is a COLLADA element, or a ZIP with a .dae in it."""
-        return b"<COLLADA" in data[:4096] or (data.startswith(b"PK") and b".dae" in data)
-
-
-class ThreeMfFormat(TrimeshFormat):
-    """3D Manufacturing Format."""
-
-    name = "3MF"
-    extensions = (".3mf",)
-    packages = ("networkx", "lxml")
-    not_read = "its materials, colours, beams and print settings"
-
-    def sniff(self, data: bytes) -> bool:
-        """Tell whether it is a ZIP with a 3D model in it."""
-        return data.startswith(b"PK") and b"3dmodel.model" in data.lower()
