@@ -12,7 +12,7 @@ from aoprecalc.api.reports import SphereQuality
 from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.errors import ArgumentError, OutputError, counted
 from aoprecalc.io import Outputs
-from aoprecalc.io.formats.arrays import numbers
+from aoprecalc.io.formats.builder import numbers
 from aoprecalc.io.images import picture_png, write_colors
 from aoprecalc.io.outputs import output_path
 from aoprecalc.options import BakeOptions, Method, PreviewOptions, SphereOptions

@@ -1,6 +1,6 @@
 """Meshes, images and sphere sets on disk."""
 
-from aoprecalc.io.formats.arrays import checked_spheres, scene_from_arrays, texture_values
+from aoprecalc.io.formats.builder import checked_spheres, scene_from_arrays, texture_values
 from aoprecalc.io.images import IMAGE_EXTENSIONS, choose_bit_depth, read_image, write_colors, write_image
 from aoprecalc.io.meshes import (
     MESH_EXTENSIONS,

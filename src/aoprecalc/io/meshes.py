@@ -14,8 +14,8 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.formats.archives import ColladaFormat, ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
-from aoprecalc.io.formats.arrays import ArraysFormat
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file, text_as_utf8
 from aoprecalc.io.formats.geometry_formats import OffFormat, StlFormat
 from aoprecalc.io.formats.gltf import GltfFormat
