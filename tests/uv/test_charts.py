@@ -14,7 +14,7 @@ from aoprecalc.uv import charts as cutting
 from aoprecalc.uv import unwrap as unwrapping
 from aoprecalc.uv.charts import Charts, cut_again, doubled_uv_areas, make_charts, out_of_scale, sum_over_charts
 from aoprecalc.uv.unwrap import cut_and_pack, unwrap
-from shapes import ball, box, city, clutter, join, quad, rotation, scene, scene_of_parts, torus
+from shapes import ball, box, cap, city, clutter, join, quad, rotation, scene, scene_of_parts, torus
 
 METHODS = pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
 SIZE = 256
@@ -47,6 +47,26 @@ def test_no_face_is_lost_at_any_scale(method, scale):
     assert atlas.charts < len(faces) / 3
     assert np.quantile(ratio, 0.01) > 0.3
     assert np.quantile(ratio, 0.99) < 3
+
+
+@METHODS
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (np.eye(3), np.array([[0, 1, 2]])),
+        quad((0, 0, 0), (1, 0, 0), (0, 1, 0)),
+        quad((0, 0, 0), (3000, 0, 0), (0, 1, 0), cells=4),
+        cap(),
+    ],
+    ids=["triangle", "square", "strip", "cap"],
+)
+@pytest.mark.parametrize("size", [64, 200])
+def test_one_chart_stays_inside_the_page(method, shape, size):
+    made = scene(*shape)
+    atlas, _ = sound_atlas(made, method, size)
+    room = atlas.gutter // 2 - 1
+    assert atlas.uvs.min() * size >= room
+    assert atlas.uvs.max() * size <= size - room
 
 
 @METHODS

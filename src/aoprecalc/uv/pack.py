@@ -121,10 +121,13 @@ def _pack_with_xatlas(
         page = new_xatlas()
         page.add_uv_mesh(*given, chart[corners[:, :1]].astype(np.uint32))
         page.generate(pack_options=options)
-        if page.atlas_count == 1 and max(page.width, page.height) <= size - 2 * border:
-            mapping, _, uvs = page.get_mesh(0)
-            best = mapping, uvs.astype(np.float64) * (page.width, page.height) + border
-            fits = relative
+        mapping, _, uvs = page.get_mesh(0)
+        found = mapping, uvs.astype(np.float64) * (page.width, page.height) + border
+        large = flat * (scale * relative)
+        moved = _move(large, large, chart, *found)  # a chart that is larger than the page was shrunk
+        inside = moved.min() >= border - 1 and moved.max() <= size - border + 1
+        if page.atlas_count == 1 and max(page.width, page.height) <= size - 2 * border and inside:
+            fits, best = relative, found
         else:
             too_large = relative
             step = step if fits else step * step
