@@ -311,3 +311,20 @@ def test_uvs_that_are_no_places_do_no_harm(bad):
 def test_faces_without_area_do_no_harm():
     made = scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2), (0, 0, 0)])
     assert area(opaque_triangles(pierced(made, disc(16), np.tile([(0, 0), (1, 0), (0, 1)], (2, 1, 1))))) == 0
+
+
+def test_surroundings_of_any_size_leave_the_holes_as_fine_as_they_are_alone():
+    """Pieces were as coarse as the whole scene asked for, which a floor that does not receive can make of any size."""
+    made = card(disc(64))
+    ground = scene(*quad((-5e4, -5e4, -2), (1e5, 0, 0), (0, 1e5, 0)))
+    start = len(made.faces)
+    floor = replace(ground.parts[0], start=start, stop=start + 2, receives=False)
+    both = replace(
+        made,
+        positions=np.concatenate([made.positions, ground.positions]),
+        faces=np.concatenate([made.faces, ground.faces + len(made.positions)]),
+        parts=(*made.parts, floor),
+    )
+    alone, among = opaque_triangles(made), opaque_triangles(both)
+    assert len(among) == len(alone) + 2
+    assert np.array_equal(among[2:], alone)

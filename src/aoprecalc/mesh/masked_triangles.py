@@ -21,7 +21,7 @@ UNKNOWN, CLEAR, OPAQUE = 0, -1, 1  # what is certain of a node
 _CORNERS = np.array([(0, 0), (1, 0), (0, 1)], np.int32)
 _QUARTERS = np.array([(0, 0, 1), (1, 0, 1), (0, 1, 1), (1, 1, -1)], np.int32)
 
-_MIN_PIECE = 1 / 2048  # of the diagonal of the scene: sides of pieces are not halved below it
+_MIN_PIECE = 1 / 2048  # of the diagonal of what receives, or its distance: sides of pieces are not halved below it
 _MIN_NODE = 1 / 2  # texels: sides of the smallest nodes; an edge drawn by single texels needs both their halves
 _CHUNK = 1 << 15  # nodes processed at a time, which fit into the processor's cache
 _MAX_UV = 1e9  # UVs beyond it, or not finite, are a fault of the file that must not stop the bake: they become (0, 0)
@@ -142,10 +142,10 @@ class MaskedTriangles:
         face_of = np.concatenate([np.arange(faces.start, faces.stop) for faces, _ in masked])
         corners = scene.positions[scene.faces[face_of]]
 
-        active = scene.corners[scene.occludes | scene.receives].reshape(-1, 3)
-        min_side = _MIN_PIECE * np.linalg.norm(np.ptp(active, axis=0))
+        min_sides = _MIN_PIECE * _seen_size(scene, corners)
         longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        ratios = np.maximum(longest / min_side, EPSILON) if min_side > 0 else np.ones(len(corners))
+        ratios = np.ones(len(corners))
+        ratios = np.maximum(np.divide(longest, min_sides, out=ratios, where=min_sides > 0), EPSILON)
         max_cuts = np.floor(np.log2(ratios))
         rows = np.column_stack([texture_of, cutoffs, max_cuts, attributes.reshape(-1, 9)])
         _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
@@ -280,6 +280,23 @@ def _chunks(indices: Int64Array, length: int) -> Iterator[Int64Array]:
     """Yield indices, (m,), in chunks of at most `length`."""
     for start in range(0, len(indices), length):
         yield indices[start : start + length]
+
+
+def _seen_size(scene: Scene, corners: Float64Array) -> Float64Array:
+    """Return how large what matters is at each of (k, 3, 3) triangles, (k,), in the scene's units.
+
+    It is the diagonal of what receives or, if that is more, the distance from it, at most the diagonal of the scene.
+    """
+    receiving, active = (
+        scene.corners[faces].reshape(-1, 3) for faces in (scene.receives, scene.receives | scene.occludes)
+    )
+    whole = float(np.linalg.norm(np.ptp(active, axis=0)))
+    if not len(receiving):
+        return np.full(len(corners), whole)
+    low, high = receiving.min(axis=0), receiving.max(axis=0)
+    away = np.linalg.norm(np.maximum(np.maximum(low - corners.max(axis=1), corners.min(axis=1) - high), 0), axis=1)
+    sizes: Float64Array = np.minimum(np.maximum(np.linalg.norm(high - low), away), whole)
+    return sizes
 
 
 def _attributes(mask: AlphaMask) -> Float64Array:

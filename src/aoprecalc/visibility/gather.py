@@ -9,7 +9,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from aoprecalc.mesh.surface import bounding_sphere
+from aoprecalc.mesh.surface import bounding_sphere, positions_of
 from aoprecalc.options import Estimator, Sampling
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
@@ -291,11 +291,18 @@ def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float 
     areas = area_per_texel(scene, atlas, side.texels) * bounding_sphere(scene.positions)[1] ** 2
     first, second = atlas.uvs[:, 1] - atlas.uvs[:, 0], atlas.uvs[:, 2] - atlas.uvs[:, 0]
     weights = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) * (atlas.mapped & scene.receives)
-    ratios = map_texel(scene, shadow_size) / np.sqrt(np.maximum(areas, 1e-300))
-    coarse = weights * (ratios > _COARSE)
-    if not coarse.sum() > _MIN_COARSE * weights.sum():
+    widths = np.sqrt(np.maximum(areas, 1e-300))
+
+    def coarse_weights(map_width: float) -> Float64Array | None:
+        coarse: Float64Array = weights * (map_width > _COARSE * widths)
+        return coarse if coarse.sum() > _MIN_COARSE * weights.sum() else None
+
+    at_most = 2 * bounding_sphere(positions_of(scene, scene.receives))[1] / shadow_size
+    if coarse_weights(at_most) is None:  # as a rule
         return None
-    return float((coarse * ratios).sum() / coarse.sum())
+    map_width = map_texel(scene, shadow_size)
+    coarse = coarse_weights(map_width)
+    return None if coarse is None else float((coarse * map_width / widths).sum() / coarse.sum())
 
 
 def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -> float:
