@@ -130,11 +130,11 @@ def test_repeated_meshes_are_given_back_with_their_extension(gltf_cube, bake_glt
 
 
 def test_numbers_that_an_unknown_extension_may_know_stay(gltf_cube, bake_gltf):
-    """VRM names textures and images under names of its own."""
+    """As of an avatar that names textures and images under names of its own."""
     gltf, cube = gltf_cube
     picture = {"uri": "data:image/png;base64,AAAA"}
     gltf.json |= {"images": [picture] * 4, "textures": [{"source": at} for at in range(4)]}
-    gltf.json |= {"extensionsUsed": ["VRM"], "extensions": {"VRM": {"meta": {"texture": 3}}}}
+    gltf.json |= {"extensionsUsed": ["MADE_avatar"], "extensions": {"MADE_avatar": {"meta": {"texture": 3}}}}
     gltf.json["materials"] = [{"occlusionTexture": {"index": at}} for at in (0, 1)]
     gltf.node(mesh=gltf.mesh(cube | {"material": 0}, cube | {"material": 1}))
     before, after, _ = bake_gltf()
