@@ -19,7 +19,6 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from io import BytesIO
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -31,7 +30,6 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
 from aoprecalc.options import BitDepth, ValueOptions
-from aoprecalc.texture_lookup import srgb_from_linear
 from aoprecalc.types import Float32Array, Picture, UInt8Array
 
 Depth = Literal["8", "16", "half", "float"]
@@ -67,7 +65,6 @@ EXTRAS = "aoprecalc"  # the member of glTF's `extras`
 _TEXT, _DESCRIPTION = "aoprecalc", "ImageDescription"
 _DESCRIBED = (".tif", ".tiff", ".jpg", ".jpeg")  # hold no attributes of other names
 
-_LINEAR = (".exr", ".hdr")  # formats of linear floats
 _CHANNELS = ("red", "green", "blue")
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of ITU-R BT.709
 
@@ -242,30 +239,17 @@ def read_opacity(path: str | PathLike[str], channel: str = "") -> Float32Array |
     return np.asarray(pixels[:, :, :3] @ _LUMINANCE, np.float32)
 
 
-def color_png(color: str | PathLike[str] | None, opacity: Float32Array | None = None) -> bytes:
-    """Return an 8-bit PNG in sRGB of the colours of an image, and of its alpha or another one.
+def is_image(path: str | PathLike[str]) -> bool:
+    """Tell whether a file begins as an image does; its pixels are not decoded."""
+    import OpenImageIO
 
-    color     floats of formats such as EXR count as linear; None: white
-    opacity   (h, w) float32 in [0, 1], of any size: the larger size of both is written
-
-    Raises InputError where the image cannot be read.
-    """
-    from PIL import Image
-
-    pixels = np.ones((1, 1, 3), np.float32) if color is None else read_pixels(color)
-    if color is not None and Path(color).suffix.lower() in _LINEAR:
-        pixels[:, :, :3] = srgb_from_linear(pixels[:, :, :3])
-    if pixels.shape[2] < 3:  # grey
-        pixels = np.concatenate([pixels[:, :, :1].repeat(3, axis=2), pixels[:, :, 1:]], axis=2)
-    image = Image.fromarray(quantize(pixels[:, :, :4], "8"))
-    if opacity is not None:
-        alpha = Image.fromarray(quantize(opacity, "8"))
-        size = max(image.width, alpha.width), max(image.height, alpha.height)
-        image = image.convert("RGB").resize(size, Image.Resampling.BILINEAR)
-        image.putalpha(alpha.resize(size, Image.Resampling.BILINEAR))
-    data = BytesIO()
-    image.save(data, "PNG")
-    return data.getvalue()
+    if not _is_text(path):
+        with _as_file(Path(path).read_bytes()) as copy:
+            return is_image(copy)
+    image = OpenImageIO.ImageInput.open(str(path))
+    if image is None:
+        _reason(OpenImageIO)  # or it is printed at the end
+    return image is not None
 
 
 def is_baked(path: str | PathLike[str]) -> bool:
@@ -284,6 +268,9 @@ def _read(path: str | PathLike[str], kind: Literal["float", "uint8"]) -> NDArray
         raise InputError(f"{path}: is a folder, an image was expected")
     if not os.path.isfile(path):
         raise InputError(f"{path}: there is no such file, an image was expected; check the path")
+    if not _is_text(path):
+        with _as_file(Path(path).read_bytes(), ascii(str(path))) as copy:
+            return _read(copy, kind)
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     buffer = OpenImageIO.ImageBuf(str(path), 0, 0, config)
@@ -314,6 +301,8 @@ def read_text(path: str | PathLike[str]) -> str:
     """Return the text of this program that an image carries; empty where there is none, or no image."""
     import OpenImageIO
 
+    if not _is_text(path):
+        return decode_text(Path(path).read_bytes())
     image = OpenImageIO.ImageInput.open(str(path))
     if image is None:
         _reason(OpenImageIO)  # or it is printed at the end
@@ -333,6 +322,11 @@ def decode_text(data: bytes) -> str:
     """Read the text of an image, as `read_text` does, from the bytes of its file."""
     with _as_file(data) as copy:
         return read_text(copy)
+
+
+def _is_text(path: str | PathLike[str]) -> bool:
+    """Tell whether a path is text, as OpenImageIO needs it: names of files may be bytes of any encoding."""
+    return not any("\ud800" <= character <= "\udfff" for character in str(path))
 
 
 @contextmanager

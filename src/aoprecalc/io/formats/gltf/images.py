@@ -5,8 +5,11 @@ import os
 import re
 from collections.abc import Mapping
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from urllib.parse import unquote
+
+import numpy as np
 
 from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.base import Placement, SourceMaterial
@@ -15,13 +18,16 @@ from aoprecalc.io.formats.gltf.document import BINARY_EXTENSIONS, Json, data_uri
 from aoprecalc.io.formats.gltf.materials import TRANSFORM
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry
-from aoprecalc.io.images import color_png, png_bytes, read_image, read_opacity, read_pixels
+from aoprecalc.io.images import png_bytes, quantize, read_image, read_opacity, read_pixels
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.progress import Note
+from aoprecalc.texture_lookup import srgb_from_linear
+from aoprecalc.types import Float32Array
 
 REPEAT, CLAMP_TO_EDGE = 10497, 33071
 LINEAR, LINEAR_MIPMAP_LINEAR = 9729, 9987
 
+_LINEAR = (".exr", ".hdr")  # formats of linear floats
 _MAX_NAMES = 20  # of missing files in a warning
 
 # The types of glTF images by their first bytes; those after JPEG need extensions.
@@ -143,7 +149,33 @@ def _base_picture(color: Path | None, opacity: Path | None, channel: str) -> tup
         if _mime_type(data := read_file(color)) in ("image/png", "image/jpeg"):
             return color, data
     alpha = None if opacity is None else read_opacity(opacity, channel)
-    return file.with_name(f"{file.stem}.png" if opacity is None else f"{file.stem}_alpha.png"), color_png(color, alpha)
+    return file.with_name(f"{file.stem}.png" if opacity is None else f"{file.stem}_alpha.png"), _color_png(color, alpha)
+
+
+def _color_png(color: Path | None, opacity: Float32Array | None = None) -> bytes:
+    """Return an 8-bit PNG in sRGB of the colours of an image, and of its alpha or another one.
+
+    color     floats of formats such as EXR count as linear; None: white
+    opacity   (h, w) float32 in [0, 1], of any size: the larger size of both is written
+
+    Raises InputError where the image cannot be read.
+    """
+    from PIL import Image
+
+    pixels = np.ones((1, 1, 3), np.float32) if color is None else read_pixels(color)
+    if color is not None and color.suffix.lower() in _LINEAR:
+        pixels[:, :, :3] = srgb_from_linear(pixels[:, :, :3])
+    if pixels.shape[2] < 3:  # grey
+        pixels = np.concatenate([pixels[:, :, :1].repeat(3, axis=2), pixels[:, :, 1:]], axis=2)
+    image = Image.fromarray(quantize(pixels[:, :, :4], "8"))
+    if opacity is not None:
+        alpha = Image.fromarray(quantize(opacity, "8"))
+        size = max(image.width, alpha.width), max(image.height, alpha.height)
+        image = image.convert("RGB").resize(size, Image.Resampling.BILINEAR)
+        image.putalpha(alpha.resize(size, Image.Resampling.BILINEAR))
+    data = BytesIO()
+    image.save(data, "PNG")
+    return data.getvalue()
 
 
 def _assign_base_texture(document: Json, material: int, image: int, placement: Placement) -> None:
