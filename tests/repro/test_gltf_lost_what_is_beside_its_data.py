@@ -149,3 +149,15 @@ def test_accessors_and_views_keep_names_and_extras(with_normals, maker):
         assert (accessor["name"], view["name"]) == (f"accessor {old}", f"view {old}")
         assert accessor["extras"] == view["extras"] == {"of": old}
     assert "name" not in document.json["accessors"][written["attributes"]["TEXCOORD_1"]]
+
+
+@pytest.mark.parametrize("extension", ["EXT_of_ours", "KHR_lights_punctual"])
+def test_extensions_that_count_materials_and_meshes_are_told_of_new_ones(extension, maker):
+    extend(maker, extension)
+    maker.json["extensions"] = {extension: {"lights": [{"type": "point"}]}}
+    mesh = maker.mesh(corner(maker, STACKED))
+    for x in (0, 3):
+        maker.node(mesh=mesh, translation=[x, 0, 0])
+    _, messages = write(maker.save())
+    told = "EXT_of_ours may refer to materials and meshes by number; 1 material and 1 mesh of the result are new to it"
+    assert (told in messages) == (extension == "EXT_of_ours")

@@ -3,11 +3,12 @@
 import json
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from aoprecalc.errors import counted
 from aoprecalc.io.formats.archives import inner_path
 from aoprecalc.io.formats.base import (
     MaterialUse,
@@ -39,7 +40,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     replaced_references,
     texture_info,
 )
-from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references
+from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references, unknown_extensions
 from aoprecalc.io.images import options_text, read_image
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.mesh.surface import local_origin
@@ -171,6 +172,8 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals)
     materials, notes = own_materials(document, texcoords)
     messages += notes
+    if isinstance(scene.document, GltfDocument):
+        messages += _numbers_told(scene.document.json, document)
     text, packed, shown = options_text(mesh.options), dict[int, OrmImage](), dict[int, int]()
     if mesh.pack == "orm":
         so_far = GltfDocument(source, document, (buffer.data,))
@@ -195,6 +198,16 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     compact(document)
     messages += _write(outputs, path, document, buffer.data)
     return WrittenMesh(_references(materials, shown, packed), tuple(messages))
+
+
+def _numbers_told(before: Json, after: Json) -> Iterator[str]:
+    """Yield a warning about extensions of a document that may need to know of materials and meshes that were added."""
+    names = unknown_extensions(before.get("extensions", {}))
+    nouns = {"materials": ("material", "materials"), "meshes": ("mesh", "meshes")}
+    more = {kind: len(after.get(kind, [])) - len(before.get(kind, [])) for kind in nouns}
+    added = " and ".join(counted(number, *nouns[kind]) for kind, number in more.items() if number)
+    if names and added:
+        yield f"{', '.join(names)} may refer to materials and meshes by number; {added} of the result are new to it"
 
 
 def _references(
