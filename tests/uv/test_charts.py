@@ -80,7 +80,7 @@ def test_slivers_have_a_place(method, thin):
 
 
 @METHODS
-@pytest.mark.parametrize("fineness", ["coarse", "fine", "planar", "faces"])
+@pytest.mark.parametrize("fineness", ["coarse", "fine", "planar", "patches", "faces"])
 def test_charts_have_the_area_and_nearly_the_lengths_of_their_faces(method, fineness):
     positions, faces = join(
         *(box(low, high) for low, high in (((0, 0, 0), (1, 0.6, 0.2)), ((0.2, 0.7, 0), (0.5, 1, 1))))
@@ -117,6 +117,18 @@ def test_planar_charts_do_not_fold_and_do_not_lie_over_themselves():
     flat, true = doubled_uv_areas(charts.uvs) / 2, areas_of(positions, twice)
     assert (flat / true).min() > np.cos(np.radians(25)) ** 2
     assert charts.count < len(twice) / 5
+
+
+@METHODS
+def test_a_spiral_ramp_does_not_lie_over_itself(method):
+    """Nearly flat, of five turns one above the other: xatlas projects it as a whole."""
+    turn = np.linspace(0, 10 * np.pi, 200)
+    sides = [np.column_stack([radius * np.cos(turn), radius * np.sin(turn), 1e-3 * turn]) for radius in (1, 2)]
+    i = np.arange(199)
+    faces = np.concatenate([np.stack([i, i + 200, i + 1], 1), np.stack([i + 1, i + 200, i + 201], 1)])
+    atlas, ratio = sound_atlas(scene(np.concatenate(sides), faces), method, SIZE)
+    assert ratio.max() < 2 * ratio.min()
+    assert atlas.charts < 50
 
 
 def blown_up(charts):

@@ -4,6 +4,7 @@ xatlas or uvunwrap cut. Faces that they leave out, and charts that prove faulty,
 """
 
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,8 +17,13 @@ from aoprecalc.subprocesses import FIRST_STEP, POLL_SECONDS, report_step
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
 Unwrapper = Literal["xatlas", "uvunwrap"]
-Fineness = Literal["coarse", "fine", "planar", "faces"]
-FINER: tuple[Fineness, ...] = ("fine", "planar", "faces")  # what faulty charts are cut into, one after the other
+Fineness = Literal["coarse", "fine", "planar", "patches", "faces"]
+FINER: tuple[Fineness, ...] = (
+    "fine",
+    "planar",
+    "patches",
+    "faces",
+)  # what faulty charts are cut into, one after the other
 
 MAX_RATIO = 2.0  # between a chart's share of the texture and its share of the surface
 
@@ -34,6 +40,7 @@ _SCALES = 2.0**7, 2.0**20
 _FINE_XATLAS = {"max_cost": 0.5}
 _FINE_UVUNWRAP = {"max_chart_angle": 35.0, "max_area_distortion": 1.5}
 
+_MAX_FACES = {"patches": 16, "faces": 1}  # of planar charts
 _MAX_TILT = np.cos(np.radians(25.0))  # between the faces of a planar chart and its plane: it shrinks none below 0.9
 
 
@@ -73,7 +80,7 @@ def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array, f
     positions   (v, 3), about one unit across, as both unwrappers compare lengths with constants
     faces       (f, 3) indices into them
     fineness    coarse: as the unwrapper does; fine: charts that are smaller and stretch less; planar: plane projections
-                of neighbours that are nearly coplanar; faces: each by itself
+                of neighbours that are nearly coplanar; patches: of a few of them; faces: each by itself
     Raises ValueError where the unwrapper fails.
     """
     corners = positions[faces]
@@ -85,7 +92,7 @@ def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array, f
         chart[_misplaced(uvs, chart, corners)] = -1
     lost = np.flatnonzero(with_area & (chart < 0))
     if len(lost):
-        flat, group = _project(corners[lost], faces[lost], whole=fineness != "faces")
+        flat, group = _project(corners[lost], faces[lost], _MAX_FACES.get(fineness, len(lost)))
         uvs[lost], chart[lost] = flat, group + chart.max() + 1
     return _finished(uvs, chart, corners)
 
@@ -280,14 +287,14 @@ _METHODS = {"xatlas": _cut_with_xatlas, "uvunwrap": _cut_with_uvunwrap}
 # Planar charts.
 
 
-def _project(corners: Float64Array, vertices: Int32Array, *, whole: bool) -> tuple[Float64Array, Int32Array]:
+def _project(corners: Float64Array, vertices: Int32Array, most: int) -> tuple[Float64Array, Int32Array]:
     """Project faces with area, (f, 3, 3), onto planes: (f, 3, 2) UVs in the corners' unit, and (f,) groups from 0.
 
     vertices   (f, 3) indices of the corners' positions
-    whole      group neighbours that are nearly coplanar; else each face is projected by itself
+    most       faces of a group
     """
     normals = face_normals(corners)[0]
-    group, seeds = _coplanar_groups(corners, vertices, normals) if whole else (np.arange(len(corners)),) * 2
+    group, seeds = _coplanar_groups(corners, vertices, normals, most)
     sides = np.roll(corners[seeds], -1, axis=1) - corners[seeds]
     longest = np.linalg.norm(sides, axis=2).argmax(axis=1)
     across = sides[np.arange(len(seeds)), longest]
@@ -299,12 +306,12 @@ def _project(corners: Float64Array, vertices: Int32Array, *, whole: bool) -> tup
 
 
 def _coplanar_groups(
-    corners: Float64Array, vertices: Int32Array, normals: Float64Array
+    corners: Float64Array, vertices: Int32Array, normals: Float64Array, most: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Group faces: (f,) groups from 0, and the seed of each, the face from which it grew, the largest first.
 
-    A group grows over edges at which exactly two faces meet whose windings agree, to faces that are nearly parallel to
-    its seed, so that its projection onto the seed's plane does not fold.
+    A group grows to `most` faces, over edges at which exactly two faces meet whose windings agree, to faces that are
+    nearly parallel to its seed, so that its projection onto the seed's plane does not fold.
     """
     one, other = adjacent_half_edges(vertices)
     edges = edge_ids(vertices).ravel()
@@ -319,12 +326,13 @@ def _coplanar_groups(
         if group[seed] >= 0:
             continue
         x, y, z = directions[seed]
-        waiting = [seed]
-        while waiting:
-            face = waiting.pop()
+        waiting, room = deque([seed]), most
+        while waiting and room:
+            face = waiting.popleft()
             u, v, w = directions[face]
             if group[face] < 0 and u * x + v * y + w * z >= _MAX_TILT:
                 group[face] = len(seeds)
                 waiting += neighbours[face]
+                room -= 1
         seeds.append(seed)
     return np.array(group, np.intp), np.array(seeds, np.intp)
