@@ -1,5 +1,7 @@
 """A note told that no charts mix up to mip level 0, and a warning that they do from level 1 on: only the warning is."""
 
+import re
+
 import aoprecalc as ao
 from aoprecalc.progress import Progress
 from shapes import torus
@@ -27,6 +29,6 @@ def told(size):
 
 def test_gutters_are_told_once():
     (narrow,) = told(64)
-    assert narrow.startswith("warning: 14 charts, and room for gutters of ")
+    assert re.match(r"warning: \d+ charts, and room for gutters of ", narrow)
     (wide,) = told(512)
-    assert wide.startswith("unwrap: new UVs by xatlas, 14 charts, gutters of ")
+    assert re.match(r"unwrap: new UVs by xatlas, \d+ charts, gutters of ", wide)
