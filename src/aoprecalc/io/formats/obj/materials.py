@@ -175,7 +175,7 @@ def _material(search: FileSearch, name: str, texts: Sequence[str]) -> MtlMateria
     for line in lines:
         if isinstance(line, str):
             keyword, rest = _statement(line)
-            values[keyword.lower()] = rest.split()
+            values[keyword.lower()] = rest.partition("#")[0].split()
     made = MtlMaterial(
         name,
         _color(values.get("kd", [])) or WHITE,
