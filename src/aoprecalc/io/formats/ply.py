@@ -344,9 +344,9 @@ class PlyFormat(MeshFormat):
         return (*lost, *super().losses(path, mesh))
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
-        """Return the texture of the PLY."""
+        """Return the texture that was baked, else the last one of the PLY."""
         document = _document(scene)
-        path = document.occlusion or next(iter(document.textures), None)
+        path = document.occlusion or next(reversed(document.textures), None)
         return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
