@@ -267,6 +267,14 @@ def test_other_textures_and_options_are_named(make, bake):
     assert warning.endswith(f"what else the materials of a.obj have is left out: {left_out}")
 
 
+def test_textures_without_uvs_are_told(make, bake):
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl leaf\nf 1 2 3\n"
+    scene = make("map_Kd c.png\nmap_d m.png", {"c.png": COLORS, "m.png": HOLES}, text)
+    path, _, _, (warning,) = bake(scene, "a_ao.glb")
+    assert "a.obj has no UVs for the textures of its materials (leaf)" in warning
+    assert len(load_scene(path).document.json["images"]) == 1
+
+
 # The bake.
 
 

@@ -183,8 +183,11 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     extras = occlusion_extras(document, materials, mesh.options)
     release_references(document, buffer, replaced_references(document, materials, packed))
     if is_new:
-        with_uvs = {index: source for index, source in sources.items() if scene.uv_sets}
-        messages += add_base_textures(outputs, path, document, buffer, with_uvs, source)
+        if scene.uv_sets:
+            messages += add_base_textures(outputs, path, document, buffer, sources, source)
+        elif textured := [material.name for material in sources.values() if material.pictured]:
+            found = f"{scene.path.name} has no UVs for the textures of its materials"
+            messages.append(f"{path}: {found} ({', '.join(textured[:3])}): they are left out")
     else:
         messages += carry_images(outputs, path, document, buffer, source)
     textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
