@@ -151,6 +151,6 @@ def test_the_bake_is_that_of_the_exact_mesh_and_the_report_tells(tmp_path):
     assert means[1] == pytest.approx(means[0], abs=1e-3)
     counts = [{key: found[key] for key in ("vertices", "components", "watertight")} for found in inputs]
     assert counts[0] == counts[1]
-    assert (inputs[0]["welded_corners"], inputs[0]["weld_tolerance"]) == (0, None)
+    assert inputs[0].keys() & {"welded_corners", "weld_tolerance"} == set()
     assert inputs[1]["welded_corners"] > 0
     assert inputs[1]["weld_tolerance"] == pytest.approx(1e-6 * diagonal(exact), rel=1e-4)

@@ -119,8 +119,8 @@ class InputMesh(Report):
     vertices: int
     components: int
     watertight: bool
-    welded_corners: int = 0
-    weld_tolerance: float | None = None
+    welded_corners: int | None = field(default=None, metadata=OMIT_NONE)
+    weld_tolerance: float | None = field(default=None, metadata=OMIT_NONE)
 
 
 @dataclass(frozen=True)
