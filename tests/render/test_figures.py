@@ -154,7 +154,7 @@ def test_the_mean_of_all_directions_is_the_texture(backend):
     mean = np.minimum(4 / 128 * total, 1)
     np.testing.assert_allclose(mean.ravel()[side.texels.index], measured.values, atol=1e-5)
     difference = (mean - baked.texture.values)[baked.texture.valid]
-    assert np.sqrt((difference**2).mean()) < 0.02
+    assert np.sqrt((difference**2).mean()) < 0.03  # what the fit changes, on charts of a few texels
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
