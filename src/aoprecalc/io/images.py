@@ -227,6 +227,8 @@ def read_opacity(path: str | PathLike[str], channel: str = "") -> Float32Array |
 
     Raises InputError as `read_pixels` does.
     """
+    if channel == "alpha" and os.path.isfile(path) and channel_count(path) in (1, 3):
+        return None
     pixels = read_pixels(path)
     channels = pixels.shape[2]
     alpha = np.ascontiguousarray(pixels[:, :, -1]) if channels in (2, 4) else None
@@ -239,17 +241,20 @@ def read_opacity(path: str | PathLike[str], channel: str = "") -> Float32Array |
     return np.asarray(pixels[:, :, :3] @ _LUMINANCE, np.float32)
 
 
-def is_image(path: str | PathLike[str]) -> bool:
-    """Tell whether a file begins as an image does; its pixels are not decoded."""
+def channel_count(path: str | PathLike[str]) -> int:
+    """Return how many channels an image has, 0 for what is none; its pixels are not decoded."""
     import OpenImageIO
 
     if not _is_text(path):
         with _as_file(Path(path).read_bytes()) as copy:
-            return is_image(copy)
+            return channel_count(copy)
     image = OpenImageIO.ImageInput.open(str(path))
     if image is None:
         _reason(OpenImageIO)  # or it is printed at the end
-    return image is not None
+        return 0
+    channels = int(image.spec().nchannels)
+    image.close()
+    return channels
 
 
 def is_baked(path: str | PathLike[str]) -> bool:

@@ -18,7 +18,15 @@ from urllib.parse import unquote
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.images import decode_colors, decode_pixels, decode_text, is_image, read_colors, read_pixels, read_text
+from aoprecalc.io.images import (
+    channel_count,
+    decode_colors,
+    decode_pixels,
+    decode_text,
+    read_colors,
+    read_pixels,
+    read_text,
+)
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.types import Float32Array, UInt8Array
 
@@ -203,7 +211,7 @@ class TextureCopies:
         """Return the name of a texture as the written mesh states it."""
         if file not in self._names:
             inside = Path(os.path.realpath(file)).is_relative_to(os.path.realpath(self._path.parent))
-            copied = not self._stay and not inside and is_image(file)
+            copied = not self._stay and not inside and channel_count(file) > 0
             self._names[file] = self._copy(file) if copied else relative_path(file, self._path)
         return self._names[file]
 
