@@ -41,8 +41,7 @@ from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set, measure_quality
 from aoprecalc.spheres.lloyd import lloyd
-from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.sampling import NormalizedFrame, sample_points
+from aoprecalc.spheres.sampling import NormalizedFrame, sample_points, signed_distances
 from aoprecalc.types import Scene
 
 ROOT = Path(__file__).resolve().parents[1]

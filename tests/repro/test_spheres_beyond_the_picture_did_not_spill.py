@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.metrics import silhouette_quality
+from aoprecalc.spheres.sampling import silhouette_quality
 from shapes import ball, scene
 
 

@@ -8,8 +8,7 @@ from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set
 from aoprecalc.spheres.collision import _containing_radii, subdivide
-from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.sampling import VoxelGrid, inside_mesh
+from aoprecalc.spheres.sampling import VoxelGrid, inside_mesh, signed_distances
 
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 2)
 

@@ -9,8 +9,7 @@ import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres.fit import measure_quality
-from aoprecalc.spheres.metrics import sphere_quality
-from aoprecalc.spheres.sampling import NormalizedFrame
+from aoprecalc.spheres.sampling import NormalizedFrame, sphere_quality
 
 BALL = shapes.scene(*shapes.ball(4))
 SILHOUETTES = ("silhouette_iou", "silhouette_iou_min", "leak", "spill", "area_bias")

@@ -9,8 +9,7 @@ from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set
 from aoprecalc.spheres.fit import MAX_SPHERES, MIN_SAMPLES_PER_SPHERE, search_count
-from aoprecalc.spheres.metrics import signed_distances
-from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit
+from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit, signed_distances
 
 SCENE = shapes.scene(*shapes.torus(around=24, across=12))
 FRAME = NormalizedFrame.from_positions(SCENE.positions)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.metrics import signed_distances
+from aoprecalc.spheres.sampling import signed_distances
 
 
 def brute(points, centers, radii):

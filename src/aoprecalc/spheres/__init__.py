@@ -6,6 +6,6 @@ NumPy and SciPy only, no files and no OpenGL.
 """
 
 from aoprecalc.spheres.fit import fit_sphere_set, measure_quality
-from aoprecalc.spheres.metrics import Quality
+from aoprecalc.spheres.sampling import Quality
 
 __all__ = ["Quality", "fit_sphere_set", "measure_quality"]

@@ -12,8 +12,15 @@ from aoprecalc.progress import Progress
 from aoprecalc.spheres.algebraic import fit_algebraic
 from aoprecalc.spheres.collision import fit_collision
 from aoprecalc.spheres.lloyd import Clusters, cluster_radii, initial_centers, lloyd
-from aoprecalc.spheres.metrics import Quality, signed_distances, silhouette_quality, sphere_quality
-from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit, sample_points
+from aoprecalc.spheres.sampling import (
+    NormalizedFrame,
+    Quality,
+    SphereFit,
+    sample_points,
+    signed_distances,
+    silhouette_quality,
+    sphere_quality,
+)
 from aoprecalc.spheres.shadow import SilhouetteTarget, fit_shadow
 from aoprecalc.types import Float64Array, Int32Array, Scene, SphereSet
 
