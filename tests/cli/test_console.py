@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from aoprecalc.cli.console import Console
+from aoprecalc.cli.options import Console
 
 
 def work(console):

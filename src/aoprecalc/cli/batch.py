@@ -8,8 +8,19 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
-from aoprecalc.cli.console import Console, annotate, say
-from aoprecalc.cli.options import DEFAULT_CACHE, FILE, Command, explained, option, options_of, output_options, take
+from aoprecalc.cli.options import (
+    DEFAULT_CACHE,
+    FILE,
+    Command,
+    Console,
+    annotate,
+    explained,
+    option,
+    options_of,
+    output_options,
+    say,
+    take,
+)
 from aoprecalc.cli.spheres import spheres as spheres_command
 from aoprecalc.errors import AnswerError, StoppedError, UsageError, counted, one_or_many
 from aoprecalc.options import BatchOptions

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.console import say
-from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type
+from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type, say
 from aoprecalc.errors import UsageError, counted
 from aoprecalc.options.fields import AGE, BYTES, format_bytes
 

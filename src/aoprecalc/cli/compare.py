@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.console import Console, say
-from aoprecalc.cli.options import FILE, Command, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, Command, Console, option, options_of, output_options, say, take
 from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import CompareOptions
 

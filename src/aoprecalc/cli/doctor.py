@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.console import Console, say
-from aoprecalc.cli.options import Command, output_options
+from aoprecalc.cli.options import Command, Console, output_options, say
 from aoprecalc.errors import AoprecalcError, RendererError
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from aoprecalc.cli.bake import bake
 from aoprecalc.cli.batch import batch
 from aoprecalc.cli.cache import cache
 from aoprecalc.cli.compare import compare
-from aoprecalc.cli.console import annotate, without_controls
 from aoprecalc.cli.doctor import doctor
-from aoprecalc.cli.options import explained
+from aoprecalc.cli.options import annotate, explained, without_controls
 from aoprecalc.cli.preview import preview
 from aoprecalc.cli.report import report
 from aoprecalc.cli.spheres import spheres

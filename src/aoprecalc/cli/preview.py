@@ -5,8 +5,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.console import Console, open_file, say
-from aoprecalc.cli.options import FILE, MeshCommand, open_option, option, options_of, output_options, take
+from aoprecalc.cli.options import (
+    FILE,
+    Console,
+    MeshCommand,
+    open_file,
+    open_option,
+    option,
+    options_of,
+    output_options,
+    say,
+    take,
+)
 from aoprecalc.errors import counted
 from aoprecalc.options import PreviewOptions
 

@@ -5,8 +5,7 @@ from typing import Any
 
 import click
 
-from aoprecalc.cli.console import Console, open_file, say
-from aoprecalc.cli.options import FILE, Command, open_option, option, output_options
+from aoprecalc.cli.options import FILE, Command, Console, open_file, open_option, option, output_options, say
 from aoprecalc.errors import counted
 
 

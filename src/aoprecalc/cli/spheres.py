@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from aoprecalc.cli.console import Console, say
-from aoprecalc.cli.options import FILE, MeshCommand, option, options_of, output_options, take
+from aoprecalc.cli.options import FILE, Console, MeshCommand, option, options_of, output_options, say, take
 from aoprecalc.errors import UsageError, counted, listed_counts, one_or_many, option_name
 from aoprecalc.options import SphereOptions
 
