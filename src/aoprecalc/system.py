@@ -19,6 +19,7 @@ LIBRARIES = (
 EXTRAS = {
     "compressed": ("DracoPy", "meshoptimizer"),
     "formats": ("lxml", "networkx", "pycollada"),
+    "usd": ("usd-core",),
     "cluster": ("distributed",),
 }
 

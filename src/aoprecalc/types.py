@@ -113,16 +113,16 @@ class Scene:
     """All triangles of one file, in world space and in the file's units.
 
     path           the file
-    format         lower-case extension without the dot: obj, ply, stl, off, gltf, glb; empty for arrays
+    format         lower-case extension without the dot, such as obj, ply or glb; empty for arrays
     positions      (v, 3) float64, finite, distinct, each used by a face
     faces          (f, 3) int32 indices into positions, f >= 1, counter-clockwise seen from the front
     normals        (f, 3, 3) float32, unit length: the shading normal at each corner; None where the file has none
     uv_sets        each (f, 3, 2) float64, v upwards (row 0 of an image is at v = 1), (0, 0) where a face has none
     parts          consecutive faces that cover the scene
     document       the original file as its reader keeps it, to write it back; opaque to others
+    up             the axis that points up, where the file says it
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
-    warnings       lines for the user about the input that may need an action
-    notes          lines about it that need none
+    warnings, notes   lines for the user about the input: those that may need an action, those that need none
     ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
     """
 
@@ -134,6 +134,7 @@ class Scene:
     uv_sets: tuple[Float64Array, ...]
     parts: tuple[Part, ...]
     document: object = None
+    up: Literal["y", "z"] | None = None
     welded: tuple[int, float] | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -297,8 +298,7 @@ class Baked:
     renderer        name of the OpenGL renderer, or of the ray tracer
     shadow_size     side of the depth maps in texels; None without maps
     options         those that define the value, as they were used: the axis that points up, the crease angle of STL
-    warnings        lines for the user about the result that may need an action
-    notes           lines about it that need none
+    warnings, notes   lines for the user about the result: those that may need an action, those that need none
     """
 
     scene: Scene

@@ -101,6 +101,7 @@ _USES = {
     "DracoPy": "to read glTF meshes compressed with Draco",
     "meshoptimizer": "to read glTF meshes compressed with meshopt (its installation needs a C++ compiler)",
     "formats": "to read COLLADA and 3MF",
+    "usd": "to read and write USD",
     "cluster": "to share batches among machines",
 }
 

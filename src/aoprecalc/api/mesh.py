@@ -237,8 +237,8 @@ def load(path: str | PathLike[str]) -> Mesh:
     Parameters
     ----------
     path : str or path-like
-        An .obj, .ply, .stl, .off, .gltf or .glb file; with the extra `formats` also .dae, .zae or .3mf. The
-        page on file formats says what is read of each.
+        An .obj, .ply, .stl, .off, .gltf or .glb file; with the extra `formats` also .dae, .zae or .3mf, with
+        `usd` .usd, .usda, .usdc or .usdz. The page on file formats says what is read of each.
 
     Returns
     -------

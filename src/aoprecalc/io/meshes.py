@@ -21,6 +21,7 @@ from aoprecalc.io.formats.geometry_formats import OffFormat, StlFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat
+from aoprecalc.io.formats.usd import UsdFormat
 from aoprecalc.io.images import read_options
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
@@ -34,6 +35,7 @@ _UNPACKED: tuple[MeshFormat, ...] = (
     GltfFormat(),
     ColladaFormat(),
     ThreeMfFormat(),
+    UsdFormat(),
 )
 FORMATS = (*_UNPACKED, ZipFormat(_UNPACKED, lambda file: load_scene(file)))
 
@@ -67,7 +69,7 @@ def _scene_format(scene: Scene) -> MeshFormat:
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
-    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, or COLLADA and 3MF through trimesh, or one in a ZIP.
+    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, USD, COLLADA and 3MF through trimesh, or one in a ZIP.
 
     Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings for the user are in
     Scene.warnings.

@@ -56,7 +56,7 @@ def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, f
 def up_axis(scene: Scene, options: LightOptions | PreviewOptions) -> Literal["x", "y", "z"]:
     """Return the axis that points up from the ground."""
     if options.up == "auto":
-        return "z" if scene.format == "stl" else "y"
+        return scene.up or ("z" if scene.format == "stl" else "y")
     return options.up
 
 

@@ -78,7 +78,10 @@ __all__ = [
 
 IMAGE_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg", ".tga", ".bmp")
 PICTURE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp")  # of what people look at
-MESH_EXTENSIONS = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".vrm", ".dae", ".zae", ".3mf", ".zip")  # read
+MESH_EXTENSIONS = (  # read
+    ".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".vrm", ".dae", ".zae", ".3mf", ".usd", ".usda", ".usdc", ".usdz",
+    ".zip",
+)  # fmt: skip
 BAKED_MESH_EXTENSIONS = (".obj", ".ply", ".gltf", ".glb", ".vrm")  # written, with the UVs of a bake
 SPHERE_EXTENSIONS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
 

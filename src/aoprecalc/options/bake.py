@@ -61,7 +61,7 @@ TwoSidedField = Annotated[bool, _scene(
     "Take the lighter value of the two sides of every face.",
     more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
 GroundField = Annotated[bool, _scene("Put the scene on an endless ground plane: no light comes from below.")]
-UpField = Annotated[Up, _scene("Axis that points up from the ground of `ground`. auto: y; z for STL.")]
+UpField = Annotated[Up, _scene("Axis that points up from the ground of `ground`. auto: y; z for STL, or as USD says.")]
 AllPartsField = Annotated[bool, _scene(
     "Treat levels of detail and collision hulls as ordinary parts.",
     more="Without it each level of detail is baked as if the others were not there (MSFT_lod, names like tree_LOD1), "

@@ -144,7 +144,7 @@ class PreviewOptions(Validated):
         metavar="DEG")] = 24.0
     elevation: Annotated[float, _picture(
         "Angle of the camera above the ground.", range=(-90, 90), unit="degrees", metavar="DEG")] = 20.0
-    up: Annotated[Up, _picture("Axis that points up. auto: y; z for STL.")] = "auto"
+    up: Annotated[Up, _picture("Axis that points up. auto: y; z for STL, or as USD says.")] = "auto"
     backend: Annotated[Backend, _run("Draw in OpenGL (gl) or by rays (ray). auto: gl, else ray.")] = "auto"
     threads: ThreadsField = 0
     size: InitVar[Annotated[int | tuple[int, int] | None, _picture(
