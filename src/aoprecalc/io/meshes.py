@@ -69,7 +69,7 @@ def _scene_format(scene: Scene) -> MeshFormat:
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
-    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, USD, COLLADA and 3MF through trimesh, or one in a ZIP.
+    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, USD, COLLADA and 3MF through trimesh, one in a ZIP.
 
     Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings for the user are in
     Scene.warnings.
