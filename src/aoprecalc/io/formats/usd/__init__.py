@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError
-from aoprecalc.io.formats.base import ColorImages, MeshFormat, PartOcclusion, first_uvs
+from aoprecalc.io.formats.base import MeshFormat, PartOcclusion, first_uvs
 from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.io.formats.usd.reader import UsdDocument, part_source, read_stage, stage_files
 from aoprecalc.subprocesses import ChildTimeoutError, ask, end_with_parent
 from aoprecalc.types import Atlas, BaseColor, Part, Scene

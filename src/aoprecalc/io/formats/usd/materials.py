@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import AlphaMode, ImageSource, Placement, SourceMaterial
+from aoprecalc.io.formats.base import AlphaMode, Placement, SourceMaterial
+from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.texture_lookup import srgb_from_linear
 from aoprecalc.types import AlphaMask, Float32Array, Float64Array, Material, Wrap
 
