@@ -7,6 +7,7 @@ from codecs import BOM_UTF8
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -162,8 +163,8 @@ class OffFormat(MeshFormat):
         of_vertices, of_faces = _off_lines(path, header, lines)
         table = _off_vertices(path, header, of_vertices)
         faces = _off_faces(path, header, of_faces)
-        counts = np.array([len(face) for face in faces], dtype=np.int64)
-        corners = np.array([vertex for face in faces for vertex in face], dtype=np.int64)
+        counts = np.fromiter(map(len, faces), np.int64)
+        corners = np.fromiter(chain.from_iterable(faces), np.int64, counts.sum())
         check_indices(path, corners, len(table))
 
         positions = table[:, :3] if header.dimension == 3 else table[:, :3] / table[:, 3:4]
@@ -246,7 +247,9 @@ def _off_vertices(path: Path, header: _OffHeader, lines: _Lines) -> NDArray[np.f
     """Return the numbers of each vertex without its colour, (vertices, header.width)."""
     width = max(header.width, len(lines[0]) if lines else 0)  # with the colour, which all have or none
     uvs = 2 * header.uvs
-    rows = [[*line[: header.width - uvs], *line[len(line) - uvs :]] for line in lines]
+    rows = lines
+    if width > header.width:
+        rows = [[*line[: header.width - uvs], *line[len(line) - uvs :]] for line in lines]
     try:
         if all(len(line) == width for line in lines):
             return np.array(rows, dtype=np.float64).reshape(-1, header.width)
@@ -269,7 +272,7 @@ def _off_faces(path: Path, header: _OffHeader, lines: _Lines) -> list[list[int]]
     for number, words in enumerate(lines):
         try:
             count = int(words[0])
-            faces.append([int(word) for word in words[1 : count + 1]])
+            faces.append(list(map(int, words[1 : count + 1])))
             if count < 0 or len(words) <= count:
                 raise ValueError
         except (ValueError, OverflowError):
