@@ -42,9 +42,9 @@ def differences(maps, rays):
 def test_maps_and_rays_give_the_same_picture(shape):
     made = scene(*SHAPES[shape]())
     off = differences(bake(made, "gl"), bake(made, "ray"))
-    assert np.sqrt((off**2).mean()) < 0.002
+    assert np.sqrt((off**2).mean()) < 0.003
     assert abs(off.mean()) < 2e-4
-    assert np.quantile(np.abs(off), 0.99) < 0.01
+    assert np.quantile(np.abs(off), 0.99) < 0.012
 
 
 @pytest.mark.slow

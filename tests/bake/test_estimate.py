@@ -71,7 +71,7 @@ def test_mean_darkens_where_shading_and_geometry_part_as_the_house_rule_says():
 def test_mean_by_random_directions_is_the_sum_over_just_these():
     normals = np.broadcast_to(np.array([np.sin(0.8), 0, np.cos(0.8)]), (2, 3, 3))
     plane = scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), normals=normals)
-    options = BakeOptions(width=16, height=16, directions=2000, sampling="random", seed=1, estimator="mean")
+    options = BakeOptions(size=64, directions=2000, sampling="random", seed=1, estimator="mean")
     half = light_axes(2000, "random", seed=1)
     both = np.concatenate([half, -half])
     expected = 4 / 2000 * np.maximum(0, both @ normals[0, 0])[both[:, 2] > 0].sum()

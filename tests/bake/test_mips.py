@@ -11,7 +11,7 @@ from aoprecalc.raster.layout import CENTER, build_layout, corner_ids
 from aoprecalc.texture_lookup import bilinear, mip_chain
 from shapes import scene, torus
 
-SIZE, LEVELS = 320, 3
+SIZE, LEVELS = 640, 3
 
 
 def charts(made, atlas, texture):

@@ -215,5 +215,5 @@ def test_instances_with_the_same_surroundings_share_what_each_would_have(backend
     one, two = on_part(alone, 0)[0], on_part(shared, 0)[0]
     assert one.min() < 0.6
     assert np.sqrt(((one - two) ** 2).mean()) < (
-        (0.012 if count < 8 else 0.04) if backend == "ray" else 0.03 + 0.02 * count
+        (0.02 if count < 8 else 0.04) if backend == "ray" else 0.03 + 0.02 * count
     )

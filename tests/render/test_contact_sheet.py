@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import ImageFont
 
-from aoprecalc.render.contact_sheet import INK, MAT, PAGE, SOFT, contact_sheet, fit_picture, type_size, with_scale
+from aoprecalc.render.comparison import INK, MAT, PAGE, SOFT, contact_sheet, fit_picture, type_size, with_scale
 
 
 def noise(height, width, seed=0):

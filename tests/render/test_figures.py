@@ -8,8 +8,7 @@ import pytest
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.render.comparison import grey_picture
-from aoprecalc.render.contact_sheet import PAGE
+from aoprecalc.render.comparison import PAGE, grey_picture
 from aoprecalc.render.figures import BACKGROUND, bake_figures, figure_sheet, trace_direction
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.directions import light_axes

@@ -172,8 +172,8 @@ def test_faulty_charts_are_cut_again(method, where, fault, monkeypatch):
     else:
         pack, tries = unwrapping.pack_charts, []
 
-        def pack_badly(charts, *settings):
-            packed = pack(charts, *settings)
+        def pack_badly(charts, *settings, **how):
+            packed = pack(charts, *settings, **how)
             tries.append(packed)
             return packed if len(tries) > 1 else replace(packed, uvs=fault(Charts(packed.uvs, charts.chart)) % 1)
 

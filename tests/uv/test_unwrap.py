@@ -15,7 +15,6 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, corner_ids
-from aoprecalc.uv.pack import choose_gutter, first_unsafe_mip
 from aoprecalc.uv.unwrap import _CHILDREN, choose_atlas, unwrap
 from shapes import ball, box, join, quad, quad_uvs, scene, torus
 
@@ -56,10 +55,10 @@ def test_charts_keep_the_gutter_between_them_and_half_of_it_at_the_sides(method)
     atlas = unwrap(made, method, SIZE, 4)
     charts = charts_of(made, atlas)
     texels = [np.column_stack(np.divmod(_covered(made, atlas, charts == chart), SIZE)) for chart in range(atlas.charts)]
-    assert min(t.min() for t in texels) >= atlas.gutter // 2 - 1
+    assert min(t.min() for t in texels) >= atlas.gutter // 2
     assert max(t.max() for t in texels) <= SIZE - atlas.gutter // 2
-    gaps = [KDTree(texels[a]).query(texels[b], p=np.inf)[0].min() for a in range(len(texels)) for b in range(a)]
-    assert min(gaps, default=SIZE) >= atlas.gutter - 1
+    gaps = [KDTree(texels[a]).query(texels[b])[0].min() for a in range(len(texels)) for b in range(a)]
+    assert min(gaps, default=SIZE) >= atlas.gutter + 1
 
 
 def _covered(made, atlas, faces):
@@ -79,17 +78,14 @@ def test_faces_without_area_have_no_place():
 def test_steps_are_heard_from_xatlas():
     heard = []
     unwrap(scene(*torus(around=100, across=60)), "xatlas", SIZE, 4, on_step=heard.append)
-    steps = [step for step in dict.fromkeys(heard) if step != "starting"]
-    assert steps[0] == "charts"
-    assert steps[1:] == sorted(steps[1:], key=lambda step: int(step.split()[2]))
-    assert all(re.fullmatch(r"packing, try \d+ of at most 12", step) for step in steps[1:])
+    assert [step for step in dict.fromkeys(heard) if step != "starting"] == ["charts", "packing"]
 
 
 def test_steps_are_heard_from_uvunwrap():
     heard = []
     unwrap(scene(*torus(around=400, across=200)), "uvunwrap", SIZE, 4, on_step=heard.append)
     stages = {"segmenting", "parameterizing", "packing", "output"}
-    steps = [step for step in heard if step != "starting"]
+    steps = [step for step in heard if step not in ("starting", "packing")]
     assert steps
     for step in steps:
         stage, count = step.split(", ")
@@ -128,21 +124,6 @@ def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
     monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"])
     with pytest.raises(AoprecalcError, match=r"xatlas could not unwrap 12 faces: signal 9 .*; or try unwrap uvunwrap"):
         unwrap(scene(*box()), "xatlas", SIZE, 4)
-
-
-def test_the_gutter_shrinks_with_the_room_and_never_below_two():
-    assert choose_gutter(charts=1, area=1.0, perimeter=4.0, size=1024, padding=8) == 16
-    outlines = [4.0, 40.0, 100.0, 400.0, 4000.0]
-    gutters = [choose_gutter(1, 1.0, outline, 1024, 8) for outline in outlines]
-    assert gutters == sorted(gutters, reverse=True)
-    assert gutters[-1] == 2
-    assert choose_gutter(1, 1.0, 4.0, 1024, 0) == 2
-
-
-def test_eight_texels_of_padding_are_right_to_level_two():
-    assert first_unsafe_mip(16, 8) == 3
-    assert [first_unsafe_mip(gutter, 99) for gutter in (2, 6, 12, 24)] == [1, 2, 3, 4]
-    assert [first_unsafe_mip(99, padding) for padding in (0, 1, 3, 6)] == [0, 1, 2, 3]
 
 
 def choose(made, unwrap, progress=None):

@@ -1,7 +1,7 @@
 """The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and a report."""
 
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
 from aoprecalc.uv.pack import first_unsafe_mip
 from aoprecalc.uv.unwrap import choose_atlas, needs_uvs, surface_share, warnings_on_uvs
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.dark_texels import dark_texels
+from aoprecalc.visibility.dark_texels import dark_texels, first_look
 from aoprecalc.visibility.directions import auto_shadow_size
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather, map_error
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
@@ -65,7 +65,8 @@ def bake_scene(
     with open_backend(options, progress) as backend:
         backend.check_size(options)
         with timer.stage("unwrap"):
-            atlas = choose_atlas(backend.rasterizer, scene, options, progress)
+            look = partial(first_look, backend, scene, normals, options)
+            atlas = choose_atlas(backend.rasterizer, scene, options, progress, look)
         progress.note(_describe_uvs(atlas, options.padding))
         setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
         texels = setup.texels

@@ -263,7 +263,7 @@ def _possible_shading(found: MeshToDraw, options: PreviewOptions) -> tuple[Shadi
 
 def _sheet(pictures: Sequence[Picture], options: PreviewOptions) -> Picture:
     """Return a contact sheet of views."""
-    from aoprecalc.render.contact_sheet import contact_sheet
+    from aoprecalc.render.comparison import contact_sheet
 
     turns = [(options.azimuth + 360 * number / len(pictures)) % 360 for number in range(len(pictures))]
     return contact_sheet(

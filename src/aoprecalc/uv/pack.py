@@ -1,213 +1,138 @@
-"""Packing: charts made by any means are arranged in one square page, with gutters between them."""
+"""Packing: charts made by any means are arranged in one square page, with gutters between them.
 
+The greatest scale is looked for at which all charts, as images of the texels that they touch, find places (`page.py`).
+"""
+
+import itertools
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from aoprecalc.mesh.topology import boundary_edges
-from aoprecalc.subprocesses import report_step
-from aoprecalc.types import Float64Array, Int32Array
-from aoprecalc.uv.charts import Charts, Unwrapper, doubled_uv_areas, new_xatlas, run_uvunwrap
+from aoprecalc.types import BoolArray, Float64Array, Int32Array
+from aoprecalc.uv.charts import Charts, doubled_uv_areas
+from aoprecalc.uv.page import IntArray, Page, reach_of_gutter
 
 MIN_GUTTER = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution
-_MAX_SHARE = 1.0 / 3.0  # of the atlas
-_EFFICIENCY = 0.7  # share of the atlas that packers fill with charts and their gutters
+MAX_SHARE = 0.12  # of the page for gutters
 
-# xatlas: search for the greatest scale at which the charts fit one page.
-_MAX_PACKINGS = 12
-_SCALE_STEP = 1.08  # between the first two tries; squared after each that is too large
-_CLOSE = 1.005  # ratio of the smallest scale that is too large to the greatest that fits, at which the search ends
-# It leaves out triangles below FLT_EPSILON square texels; it is given charts this much larger, to be scaled by itself.
-_ENLARGED = 2.0**10
+_MAX_CELLS = 1024  # a side of the page; larger textures have cells of several texels
+# By how many texels a chart may reach into one without covering it: half of `INSET` in raster/layout.py, as positions
+# are rounded after packing.
+_INSET = 1.0 / 1024.0
 
-# uvunwrap: lower the density until its own packer needs one page only.
-_MANY_CHARTS = 1500  # above this its fast packer: the better one would take longer than the bake
-_MAX_DENSITIES = 8
-_DENSITY_STEP = 0.85  # of the density that needed more pages
+# Search for the greatest scale.
+_FILL = 0.82  # of the page with charts and their gutters, until the first try tells it
+_QUICK_FILL = 0.7
+_AIM = 0.987  # of the page's height: what the next try should reach
+_CLOSE = 0.975  # of the page's height: what ends the search
+_RATIO = 1.006  # of the smallest scale that is too large to the greatest that fits: what ends it too
+_MAX_TRIES = 5  # once one fits
+_SMALLEST_STEP = 0.75  # after a scale that is far too large
+_SPARE = 1.5  # height of the page that tries may use, in sides
 
-_MIN_WIDTH = 2.0**-7  # of a chart's length, for packers
-
-_Places = tuple[float, Int32Array, Float64Array]  # texels per unit of length, vertices, their positions in texels
-
-
-class NoRoomError(ValueError):
-    """The charts do not fit the page with gutters of that width, at any scale."""
+# Orientation of charts.
+_ANGLES = 16  # of a quarter turn
+_REFINEMENTS = 5  # halvings of the step between them
 
 
 @dataclass(frozen=True, eq=False)
 class Packed:
     """Charts in their places.
 
-    uvs     (f, 3, 2) float64 in [0, 1]; (0, 0) for faces in no chart
-    gutter  texels between two charts, at least; half of it is free at the sides of the page
+    uvs      (f, 3, 2) float64 in [0, 1]; (0, 0) for faces in no chart
+    gutter   texels between two charts, at least; half of it is free at the sides of the page
+    density  texels per unit of length
     """
 
     uvs: Float64Array
     gutter: int
+    density: float
 
 
-def pack_charts(charts: Charts, size: int, padding: int, packer: Unwrapper) -> Packed:
-    """Pack charts into exactly one page of size x size texels, all at one scale; they are turned, and may be mirrored.
+class NoRoomError(ValueError):
+    """The charts do not fit the page."""
 
-    padding   texels around each chart that should stay free; see `choose_gutter` for charts without room for that
-    Raises ValueError where they do not fit.
+
+def pack_charts(
+    charts: Charts, size: int, padding: int, density: float | None = None, *, quick: bool = False
+) -> Packed:
+    """Pack charts into exactly one page of size x size texels, all at one scale, turned at will.
+
+    padding  texels around each chart that should stay free; see `choose_gutter` for charts without room for that
+    density  texels per unit of length; None: about as many as the page has room for
+    quick    take the first scale that fits
+    Any two texels that two charts cover are more than the gutter apart, along a diagonal too.
+    Raises NoRoomError where they do not fit.
     """
-    flat, chart, corners = charts.vertices()
-    outlines = charts.count, *area_and_perimeter(flat[corners], corners)
-    gutter, wide = choose_gutter(*outlines, size, padding), _widen(flat, chart)
+    chart = charts.chart[charts.placed]
+    flat = _in_least_boxes(charts.uvs[charts.placed], chart)
+    outlines = Outlines.of(flat, chart, size)
+    gutter = choose_gutter(outlines, size, padding)
     while True:
-        scale = fitting_scale(*outlines, size, gutter)
-        try:
-            scale, placed, positions = _PACKERS[packer](wide, chart, corners, scale, size, gutter)
-            break
-        except NoRoomError:
-            if gutter == MIN_GUTTER:
-                raise
-            gutter = max(MIN_GUTTER, gutter // 2)
-    places = _move(flat * scale, wide * scale, chart, placed, positions)
-    uvs: Float64Array = np.zeros_like(charts.uvs)
-    uvs[charts.placed] = places[corners] / size
-    return Packed(uvs, gutter)
-
-
-def _widen(flat: Float64Array, chart: Int32Array) -> Float64Array:
-    """Return vertices, (v, 2), with thin charts made wider, as packers leave out what is too thin for them.
-
-    Those less than _MIN_WIDTH of their length wide are stretched across it.
-    """
-    count = int(chart.max()) + 1
-    number = np.bincount(chart, minlength=count)
-    means = _sums(flat, chart, count) / number[:, None]
-    local = flat - means[chart]
-    moments = _sums((local[:, :, None] * local[:, None, :]).reshape(-1, 4), chart, count).reshape(-1, 2, 2)
-    axes = np.linalg.eigh(moments)[1]  # columns: across, along
-    local = np.einsum("vx,vxa->va", local, axes[chart])
-    reach: Float64Array = np.zeros((count, 2))
-    np.maximum.at(reach, chart, np.abs(local))
-    across, along = np.maximum(reach, np.finfo(float).tiny).T
-    local[:, 0] *= np.maximum(_MIN_WIDTH * along / across, 1.0)[chart]
-    widened: Float64Array = np.einsum("va,vxa->vx", local, axes[chart]) + means[chart]
-    return widened
-
-
-def _sums(values: Float64Array, chart: Int32Array, count: int) -> Float64Array:
-    """Sum the rows of (v, c) values over each chart, (count, c)."""
-    return np.stack([np.bincount(chart, column, count) for column in values.T], axis=1)
-
-
-def _pack_with_xatlas(
-    flat: Float64Array, chart: Int32Array, corners: Int32Array, scale: float, size: int, gutter: int
-) -> _Places:
-    """Pack flat vertices, (v, 2), at about the greatest scale that fits one page.
-
-    chart    (v,) the chart of each vertex
-    corners  (p, 3) the vertices of each face
-    scale    texels per unit of length to try first
-    """
-    import xatlas
-
-    border = gutter // 2  # kept free at the sides of the page, as textures repeat
-    given = (flat * (scale * _ENLARGED)).astype(np.float32), corners.astype(np.uint32)
-    options = xatlas.PackOptions()
-    options.resolution = size - 2 * border
-    options.padding, options.bilinear = gutter, False
-    fits, too_large, relative, step = 0.0, np.inf, 1.0, _SCALE_STEP
-    best = None
-    for attempt in range(1, _MAX_PACKINGS + 1):
-        report_step(f"packing, try {attempt} of at most {_MAX_PACKINGS}")
-        options.texels_per_unit = relative / _ENLARGED
-        page = new_xatlas()
-        page.add_uv_mesh(*given, chart[corners[:, :1]].astype(np.uint32))
-        page.generate(pack_options=options)
-        mapping, _, uvs = page.get_mesh(0)
-        found = mapping, uvs.astype(np.float64) * (page.width, page.height) + border
-        large = flat * (scale * relative)
-        moved = _move(large, large, chart, *found)  # a chart that is larger than the page was shrunk
-        inside = moved.min() >= border - 1 and moved.max() <= size - border + 1
-        if page.atlas_count == 1 and max(page.width, page.height) <= size - 2 * border and inside:
-            fits, best = relative, found
+        cell, border = -(-size // _MAX_CELLS), -(-gutter // 2)  # free at the sides of the page, as textures repeat
+        cells = (size - 2 * border) // cell
+        packing = _Packing(flat, chart, cells, reach_of_gutter(gutter, cell), _INSET / cell)
+        if density is None:
+            layout = packing.at_greatest_scale(outlines, gutter / cell, quick=quick)
         else:
-            too_large = relative
-            step = step if fits else step * step
-        if too_large < fits * _CLOSE:
+            layout = packing.at_scale(density / cell)
+        if layout is not None and layout.height <= cells:
             break
-        relative = too_large / step if not fits else fits * step if np.isinf(too_large) else (fits + too_large) / 2
-    if best is None:
-        raise NoRoomError(
-            f"its charts did not fit {size} x {size} texels with gutters of {gutter}; use a larger --size"
-        )
-    return scale * fits, *best
-
-
-def _pack_with_uvunwrap(
-    flat: Float64Array, chart: Int32Array, corners: Int32Array, scale: float, size: int, gutter: int
-) -> _Places:
-    """Do as `_pack_with_xatlas` does."""
-    import uvunwrap
-
-    packing: Literal["shape", "fast"] = "fast" if int(chart.max()) >= _MANY_CHARTS else "shape"
-    # Charts that exist are scaled so that their area is that of their faces: those of flat surfaces keep theirs. One
-    # lies above the other, as edges in the same place would be joined.
-    unit = float(np.ptp(flat, axis=0).max())
-    surface = np.column_stack([flat / unit, chart / (chart.max() + 1)])
-    mesh = uvunwrap.Mesh(
-        surface.astype(np.float32),
-        corners.astype(np.uint32),
-        face_materials=chart[corners[:, 0]].astype(np.uint32),
-        existing_uvs=(flat / unit).astype(np.float32),
-    )
-    density = None
-    for _ in range(_MAX_DENSITIES):
-        atlas = run_uvunwrap(mesh, page_size=size, padding=gutter, packing=packing, texels_per_unit=density)
-        if atlas.page_count == 1:
-            break
-        density = _DENSITY_STEP * atlas.texels_per_unit
-    else:
-        raise NoRoomError(f"its charts need {atlas.page_count} pages of {size} x {size} texels; use a larger --size")
-    page = atlas.meshes[0]
-    uvs = np.array(page.uv, np.float64).reshape(-1, 2) * (atlas.width, atlas.height)
-    used = np.array(page.page) == 0
-    return atlas.texels_per_unit / unit, np.array(page.xref)[used], uvs[used]
-
-
-def _move(
-    flat: Float64Array, wide: Float64Array, chart: Int32Array, placed: Int32Array, positions: Float64Array
-) -> Float64Array:
-    """Return (v, 2) positions of all vertices, each chart turned or mirrored to where the packer put it.
-
-    flat, wide   (v, 2) in texels: as they are, and as the packer had them; chart: (v,) their charts
-    placed       (p,) the vertices that the packer placed, and where: positions (p, 2)
-    xatlas stretches charts to whole texels, which makes thin ones much wider, and leaves out vertices of faces without
-    area. So only the nearest rotation or mirroring (Procrustes) is used, about the mean of the vertices.
-    """
-    count = int(chart.max()) + 1
-    of_placed = chart[placed]
-    number = np.maximum(np.bincount(of_placed, minlength=count), 1)[:, None]
-    before, after = (_sums(points, of_placed, count) / number for points in (wide[placed], positions))
-    source, target = wide[placed] - before[of_placed], positions - after[of_placed]
-    products = _sums((source[:, :, None] * target[:, None, :]).reshape(-1, 4), of_placed, count)
-    left, _, right = np.linalg.svd(products.reshape(-1, 2, 2))
-    moved: Float64Array = np.einsum("vx,vxy->vy", flat - before[chart], (left @ right)[chart]) + after[chart]
-    return moved
-
-
-_PACKERS = {"xatlas": _pack_with_xatlas, "uvunwrap": _pack_with_uvunwrap}
+        if gutter == MIN_GUTTER:
+            raise NoRoomError(
+                f"its charts did not fit {size} x {size} texels with gutters of {gutter}; use a larger --size"
+            )
+        gutter = max(MIN_GUTTER, gutter // 2)
+    uvs: Float64Array = np.zeros_like(charts.uvs)
+    uvs[charts.placed] = (_moved(flat * layout.scale, chart, layout) * cell + border) / size
+    return Packed(uvs, gutter, layout.scale * cell)
 
 
 # Gutters: how wide they are, and to which mip level they keep charts apart.
 
 
-def choose_gutter(charts: int, area: float, perimeter: float, size: int, padding: int) -> int:
-    """Return the gutter in texels: twice the padding, but less where gutters would take over a third of the atlas.
+@dataclass(frozen=True)
+class Outlines:
+    """What charts need of a page: at t cells per unit, and gutters of g cells, `covered` t^2 + `length` t g / 2 cells.
 
-    charts            how many there are
-    area, perimeter   of all charts together, in any unit of length, squared for the area
-    size              side of the square atlas in texels
+    covered  the area of the cells that charts touch, in squared units
+    length   of the sides of their bounding boxes, in units, as gutters follow outlines about as tightly
+    """
+
+    covered: float
+    length: float
+
+    @classmethod
+    def of(cls, flat: Float64Array, chart: Int32Array, size: int) -> Self:
+        """Measure charts, see `chart_masks`, at a scale that suits a page of size x size cells."""
+        scale = math.sqrt(size**2 / float(doubled_uv_areas(flat).sum()))
+        masks = chart_masks(flat * scale, chart, 0.0)
+        covered = sum(int(np.count_nonzero(mask)) for mask in masks) / scale**2
+        return cls(covered, 2 * sum(sum(mask.shape) for mask in masks) / scale)
+
+    def scale(self, cells: float, gap: float) -> float:
+        """Return the scale t at which charts and gaps need this many cells."""
+        strip = self.length * gap / 4
+        return (math.sqrt(strip**2 + self.covered * cells) - strip) / self.covered
+
+    def needed(self, scale: float, gap: float) -> float:
+        """Return the cells that charts and gaps need."""
+        return scale * (self.covered * scale + self.length * gap / 2)
+
+
+def choose_gutter(outlines: Outlines, size: int, padding: int) -> int:
+    """Return the gutter in texels: twice the padding, but less where gutters would take more than MAX_SHARE of a page.
+
+    A wider one keeps charts apart in more mip levels, but leaves them fewer texels. The share is the one at which the
+    error as rendered, in the mean over mip levels 0 to 2, was least on several meshes (benchmarks/atlas_quality.py).
     """
     gutter = max(MIN_GUTTER, 2 * padding)
-    while gutter > MIN_GUTTER and _gutter_share(charts, area, perimeter, size, gutter) > _MAX_SHARE:
+    while gutter > MIN_GUTTER:
+        scale = outlines.scale(_FILL * size**2, gutter)
+        if outlines.length * scale * gutter / 2 <= MAX_SHARE * size**2:
+            break
         gutter -= 1
     return gutter
 
@@ -225,24 +150,184 @@ def first_unsafe_mip(gutter: int, padding: int) -> int:
     return level
 
 
-def area_and_perimeter(uvs: Float64Array, corners: Int32Array) -> tuple[float, float]:
-    """Return the area and the outline length of all charts, for (f, 3, 2) UVs and (f, 3) vertex indices."""
-    lengths = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2)
-    return float(0.5 * doubled_uv_areas(uvs).sum()), float(lengths[boundary_edges(corners)].sum())
+# The scale.
 
 
-def fitting_scale(charts: int, area: float, perimeter: float, size: int, gutter: int) -> float:
-    """Return the factor t by which charts can grow: area t^2 + perimeter gutter t + corners = efficiency size^2.
+class _Layout(NamedTuple):
+    """Charts in a page, in cells.
 
-    Two charts share the gutter between them, but packers nest real outlines so loosely that each takes the whole of it
-    (measured: 3,600 small charts lose 0.34 of a page to gutters of 4 texels where half the perimeter predicts 0.18).
-    The corners of a chart take a square of the gutter's width; where they alone take the page, t fits half of it.
+    scale    cells per unit of length
+    shapes   (n, 2): rows and columns of each chart's mask, before it is turned
+    places   (n, 3): the first row and column of each chart, and by how many quarter turns it is turned
+    height   rows that are used
     """
-    strip, room = perimeter * gutter / 2, max(_EFFICIENCY * size**2 - charts * gutter**2, _EFFICIENCY * size**2 / 2)
-    return (math.sqrt(strip**2 + area * room) - strip) / area
+
+    scale: float
+    shapes: IntArray
+    places: IntArray
+    height: int
 
 
-def _gutter_share(charts: int, area: float, perimeter: float, size: int, gutter: int) -> float:
-    """Return the share of the atlas that gutters take when the charts are as large as they can be."""
-    strips = fitting_scale(charts, area, perimeter, size, gutter) * perimeter * gutter
-    return (strips + charts * gutter**2) / size**2
+class _Packing(NamedTuple):
+    """What is packed, and into what.
+
+    flat     (f, 3, 2) charts, each at the origin, in units of length
+    chart    (f,) the chart of each face
+    cells    side of the page
+    reach    see `reach_of_gutter`
+    inset    see `chart_masks`
+    """
+
+    flat: Float64Array
+    chart: Int32Array
+    cells: int
+    reach: list[int]
+    inset: float
+
+    def at_scale(self, scale: float) -> _Layout | None:
+        """Return the layout in a page that may become higher than wide; None where they do not fit that either."""
+        masks = chart_masks(self.flat * scale, self.chart, self.inset)
+        places = Page(self.cells, int(_SPARE * self.cells), self.reach).place(masks)
+        if places is None:
+            return None
+        shapes = np.array([mask.shape for mask in masks])
+        turned = np.where(places[:, 2] % 2 == 0, shapes[:, 0], shapes[:, 1])
+        return _Layout(scale, shapes, places, int((places[:, 0] + turned).max()))
+
+    def at_greatest_scale(self, outlines: Outlines, gap: float, *, quick: bool) -> _Layout | None:
+        """Return the layout at about the greatest scale that fits the page; None where none does.
+
+        gap     the gutter in cells
+        quick   take the first scale that fits
+        Each try tells how much of a row charts and gaps fill, which gives the scale of the next.
+        """
+        if self.cells < 1:
+            return None
+        best, too_large = None, math.inf
+        scale = outlines.scale((_QUICK_FILL if quick else _FILL) * self.cells**2, gap)
+        for attempt in itertools.count(1):
+            layout = self.at_scale(scale)
+            if layout is not None and layout.height <= self.cells:
+                best = layout
+            else:
+                too_large = scale
+            if best is not None and (
+                quick or attempt >= _MAX_TRIES or best.height >= _CLOSE * self.cells or too_large < best.scale * _RATIO
+            ):
+                break
+            if attempt >= _MAX_TRIES and outlines.covered * scale**2 < 1:
+                break
+            if layout is None:
+                scale *= _SMALLEST_STEP
+            else:
+                scale = outlines.scale(outlines.needed(scale, gap) / layout.height * self.cells * _AIM, gap)
+            if best is None:
+                scale = min(scale, too_large * (1.0 - 0.005 * attempt))
+            else:
+                room = min(too_large, best.scale * 1.2) - best.scale
+                scale = min(max(scale, best.scale + 0.2 * room), best.scale + 0.8 * room)
+        return best
+
+
+def _moved(flat: Float64Array, chart: Int32Array, layout: _Layout) -> Float64Array:
+    """Return charts, (f, 3, 2) in cells from their origins, turned and moved to their places."""
+    rows, columns = layout.shapes[chart].T[:, :, None]
+    row, column, turns = layout.places[chart].T[:, :, None]
+    x, y = flat[..., 0], flat[..., 1]
+    turned = turns == np.arange(4)[:, None, None]
+    right = np.select(list(turned), [x, y, columns - x, rows - y])
+    down = np.select(list(turned), [y, columns - x, rows - y, x])
+    return np.stack([right + column, down + row], axis=-1)
+
+
+# Charts as images.
+
+
+def _in_least_boxes(uvs: Float64Array, chart: Int32Array) -> Float64Array:
+    """Turn each chart of (f, 3, 2) triangles until its bounding box is about as small as can be, and move it to 0."""
+    order = np.argsort(chart, kind="stable")
+    points = uvs[order].reshape(-1, 2)
+    first = np.flatnonzero(np.diff(chart[order], prepend=-1)) * 3
+    of_point = np.repeat(chart[order], 3)
+
+    def turned(angles: Float64Array) -> tuple[Float64Array, Float64Array]:
+        cos, sin = np.cos(angles)[of_point], np.sin(angles)[of_point]
+        return points[:, 0] * cos - points[:, 1] * sin, points[:, 0] * sin + points[:, 1] * cos
+
+    def box(angles: Float64Array) -> Float64Array:
+        x, y = turned(angles)
+        width, height = (np.maximum.reduceat(along, first) - np.minimum.reduceat(along, first) for along in (x, y))
+        area: Float64Array = width * height
+        return area
+
+    best = np.zeros(len(first))
+    smallest = box(best) * (1 - 1e-9)  # turned only where that helps
+    step = math.pi / 2 / _ANGLES
+    tries = [np.full(len(first), step * number) for number in range(1, _ANGLES)]
+    for _ in range(_REFINEMENTS + 1):
+        for angles in tries:
+            area = box(angles)
+            better = area < smallest
+            best, smallest = np.where(better, angles, best), np.where(better, area, smallest)
+        step /= 2
+        tries = [best - step, best + step]
+    x, y = turned(best)
+    result = np.empty_like(uvs)
+    low = (np.minimum.reduceat(along, first)[of_point] for along in (x, y))
+    result[order] = np.stack([along - least for along, least in zip((x, y), low, strict=True)], axis=-1).reshape(
+        -1, 3, 2
+    )
+    return result
+
+
+def chart_masks(flat: Float64Array, chart: Int32Array, inset: float) -> list[BoolArray]:
+    """Return one image for each chart, True where one of its triangles touches a cell; rows along the second axis.
+
+    flat    (f, 3, 2) triangles in cells, >= 0, each chart from the origin
+    inset   cells by which a triangle may reach into one without touching it
+    """
+    count = int(chart.max()) + 1
+    extent = np.zeros((count, 2))
+    np.maximum.at(extent, chart, flat.max(axis=1))
+    columns, rows = np.maximum(np.ceil(extent - inset), 1).astype(np.intp).T
+    stops = np.cumsum((columns + 1) * rows)  # each row ends with a cell that stays empty
+    starts = stops - (columns + 1) * rows
+    face, row, low, high = _row_spans(flat, inset, rows[chart] - 1)
+    of_span = chart[face]
+    last = columns[of_span] - 1
+    row_start = starts[of_span] + row * (columns[of_span] + 1)
+    begin = np.clip(np.floor(low + inset), 0, last).astype(np.intp)
+    end = np.clip(np.ceil(high - inset) - 1, begin, last).astype(np.intp)
+    total = int(stops[-1])
+    changes = np.bincount(row_start + begin, minlength=total) - np.bincount(row_start + end + 1, minlength=total)
+    touched = np.cumsum(changes) > 0
+    return [
+        touched[start:stop].reshape(height, width + 1)[:, :width]
+        for start, stop, height, width in zip(starts, stops, rows, columns, strict=True)
+    ]
+
+
+def _row_spans(
+    triangles: Float64Array, inset: float, last_row: IntArray
+) -> tuple[IntArray, IntArray, Float64Array, Float64Array]:
+    """Return, for each row of cells that a triangle touches: the triangle, the row, and its least and greatest x there.
+
+    last_row   (f,) the last row that each of (f, 3, 2) triangles may touch
+    """
+    low, high = triangles[..., 1].min(axis=1), triangles[..., 1].max(axis=1)
+    first = np.clip(np.floor(low + inset), 0, last_row).astype(np.intp)
+    count = np.clip(np.ceil(high - inset) - 1, first, last_row).astype(np.intp) - first + 1
+    face = np.repeat(np.arange(len(triangles)), count)
+    row = np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count) + first[face]
+    least: Float64Array = np.full(len(face), np.inf)
+    greatest: Float64Array = np.full(len(face), -np.inf)
+    for corner in range(3):
+        x, y = triangles[face, corner].T
+        along_x, along_y = (triangles[:, (corner + 1) % 3] - triangles[:, corner])[face].T
+        crosses = (np.minimum(y, y + along_y) <= row + 1) & (np.maximum(y, y + along_y) >= row)
+        safe = np.where(along_y == 0, 1.0, along_y)
+        for side in (row, row + 1):  # the edge's part in the row ends at its corners or at the row's sides
+            share = np.where(along_y == 0, side - row, np.clip((side - y) / safe, 0.0, 1.0))
+            least = np.where(crosses, np.minimum(least, x + share * along_x), least)
+            greatest = np.where(crosses, np.maximum(greatest, x + share * along_x), greatest)
+    return face, row, least, greatest

@@ -13,10 +13,11 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, one_or_many, option_name
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, face_normals
+from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import overlapping_triangles
-from aoprecalc.raster.layout import MAX_TILES, Layout, Rasterizer, atlas_from_uvs, build_layout
+from aoprecalc.raster.layout import MAX_TILES, Layout, Rasterizer, atlas_from_uvs, build_layout, corner_ids
 from aoprecalc.subprocesses import (
     ChildKilledError,
     ChildTimeoutError,
@@ -26,9 +27,10 @@ from aoprecalc.subprocesses import (
     end_with_parent,
     report_step,
 )
-from aoprecalc.types import Atlas, BoolArray, Float64Array, Int32Array, Scene, UvCheck
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, UvCheck
 from aoprecalc.uv.charts import (
     FINER,
+    Charts,
     Unwrapper,
     cut_again,
     doubled_uv_areas,
@@ -39,18 +41,30 @@ from aoprecalc.uv.charts import (
 from aoprecalc.uv.pack import pack_charts
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
+# Measures an atlas coarsely: (h, w) int32, the face at each texel or -1, and (h, w) float32, its ambient occlusion.
+FirstLook = Callable[[Atlas], tuple[Int32Array, Float32Array]]
 
 MAX_OVERLAP = 0.001  # share of the covered texels inside two triangles, and of the surface without area in UV space
 MIN_SIZE = 16  # texels
 _TINY = 1e-4  # square texels that do not matter
+_SCALES = 0.25, 2.5  # of charts by need
+_PRIOR = 0.5  # pairs of texels of average difference, added to those of each chart
+_NOISE = 0.006  # difference of neighbouring texels that does not matter
 _CHILDREN = {method: command("aoprecalc.uv.unwrap", method) for method in ("xatlas", "uvunwrap")}
 _OTHER = {"xatlas": "uvunwrap", "uvunwrap": "xatlas"}
 _IF_SLOW = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}
 
 
-def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: BakeOptions, progress: Progress) -> Atlas:
+def choose_atlas(
+    make_rasterizer: RasterizerFactory,
+    scene: Scene,
+    options: BakeOptions,
+    progress: Progress,
+    first_look: FirstLook | None = None,
+) -> Atlas:
     """Keep the file's UVs if `options.unwrap` allows it and they can hold a bake, else unwrap.
 
+    first_look   see `unwrap`
     Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is asked for that is not
     installed, AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
     """
@@ -77,7 +91,7 @@ def choose_atlas(make_rasterizer: RasterizerFactory, scene: Scene, options: Bake
 
     def unwrap_with(method: Unwrapper) -> Atlas:
         timeout, on_step = options.unwrap_timeout, progress.step
-        atlas = unwrap(scene, method, size, options.padding, timeout=timeout, on_step=on_step)
+        atlas = unwrap(scene, method, size, options.padding, first_look, timeout=timeout, on_step=on_step)
         return replace(atlas, checks=tuple(checks))
 
     try:
@@ -205,15 +219,17 @@ def unwrap(
     method: Unwrapper,
     size: int,
     padding: int,
+    first_look: FirstLook | None = None,
     *,
     timeout: float | None = None,
     on_step: StepCallback | None = None,
 ) -> Atlas:
     """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
 
-    padding   texels around each chart that should stay free; see `pack.choose_gutter` for meshes without room for that
-    timeout   seconds that the unwrapper may take; None: any number
-    on_step   is called several times a second with the step that the unwrapper is at
+    padding      texels around each chart that should stay free; see `pack.choose_gutter` for meshes without such room
+    first_look   measures an atlas coarsely, so that charts get texels by need; None: all get as many per unit of length
+    timeout      seconds that the unwrapper may take; None: any number
+    on_step      is called several times a second with the step that the unwrapper is at
     Raises InputError where no face has area, UsageError where the size is too small for any chart, AoprecalcError where
     the unwrapper fails or times out. After any exception, Ctrl-C included, the unwrapper is gone.
     """
@@ -235,7 +251,7 @@ def unwrap(
     all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
     all_uvs[mapped] = uvs
     mapped[mapped] = placed
-    return Atlas(method, all_uvs, mapped, charts, gutter=gutter)
+    return _fill_page(scene, Atlas(method, all_uvs, mapped, charts, gutter=gutter), first_look, size, padding)
 
 
 def _run(
@@ -258,6 +274,41 @@ def _run(
     return answer["uvs"].astype(np.float64), answer["placed"], int(answer["charts"]), int(answer["gutter"])
 
 
+def _fill_page(scene: Scene, atlas: Atlas, first_look: FirstLook | None, size: int, padding: int) -> Atlas:
+    """Return a new atlas with its charts as large as the page has room for, in the scales that the first look tells.
+
+    Charts that hold one value, as hidden ones do, are smaller. If neighbouring texels of a chart differ by d, its error
+    is in proportion to d; charts of area A at t texels a unit take A t^2 texels, and leave a squared error of
+    A (d / t)^2. The sum of the errors is least, for as many texels, where t is in proportion to the square root of d.
+    """
+    chart = face_components(corner_ids(scene.faces[atlas.mapped], atlas.uvs[atlas.mapped]))
+    scales = np.ones(atlas.charts)
+    if first_look is not None:
+        faces, values = first_look(atlas)
+        of_face: Int32Array = np.full(len(scene.faces) + 1, -1, np.int32)  # face -1 reads the last one
+        of_face[:-1][atlas.mapped] = chart
+        scales = scales_by_need(of_face[faces], values, atlas.charts)
+    charts = Charts(atlas.uvs[atlas.mapped] * scales[chart, None, None], chart)  # they keep their shapes in the page
+    packed = pack_charts(charts, size, padding)
+    uvs = np.zeros_like(atlas.uvs)
+    uvs[atlas.mapped] = packed.uvs
+    return replace(atlas, uvs=uvs, gutter=packed.gutter)
+
+
+def scales_by_need(charts: Int32Array, values: Float32Array, count: int) -> Float64Array:
+    """Return the scales of `count` charts, (count,), from an image of charts, -1 for none, and one of their values."""
+    squared, pairs = np.zeros(count), np.zeros(count)
+    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        same = (charts[one] == charts[other]) & (charts[one] >= 0)
+        difference = values[one][same].astype(np.float64) - values[other][same]
+        squared += np.bincount(charts[one][same], difference**2, count)
+        pairs += np.bincount(charts[one][same], minlength=count)
+    mean = squared.sum() / max(pairs.sum(), 1)
+    differences = (squared + _PRIOR * mean) / (pairs + _PRIOR) + _NOISE**2
+    scales: Float64Array = np.clip((differences / (mean + _NOISE**2)) ** 0.25, *_SCALES)
+    return scales
+
+
 # The child process, an end of `subprocesses.ask`. xatlas neither releases the interpreter nor can be interrupted, so
 # the parent must be able to go on, or to end it. uvunwrap can be interrupted, but a fault inside it (an index out of
 # bounds, on some meshes) ends one of its threads, and the job never finishes; the parent detects the panic message.
@@ -266,12 +317,13 @@ def _run(
 def cut_and_pack(
     method: Unwrapper, positions: Float64Array, faces: Int32Array, size: int, padding: int
 ) -> dict[str, Any]:
-    """Cut into charts, flatten them, and pack them into exactly one page of size x size texels.
+    """Cut into charts, flatten them, and pack them into one page of size x size texels, which they need not fill.
 
     Charts that are faulty when they are packed, whoever cut and packed them, are cut into smaller ones.
     """
     charts = make_charts(method, positions, faces)
-    packed = pack_charts(charts, size, padding, method)
+    report_step("packing")
+    packed = pack_charts(charts, size, padding, quick=True)
     surface = np.linalg.norm(area_vectors(positions[faces]), axis=1) / 2
     for fineness in FINER:
         faulty = faulty_charts(packed.uvs, charts.chart, surface, size)
@@ -279,7 +331,7 @@ def cut_and_pack(
             break
         report_step(f"cutting {counted(np.count_nonzero(faulty), 'chart')} again")
         charts = cut_again(charts, faulty, method, positions, faces, fineness)
-        packed = pack_charts(charts, size, padding, method)
+        packed = pack_charts(charts, size, padding, quick=True)
     return {"uvs": packed.uvs, "placed": charts.placed, "charts": charts.count, "gutter": packed.gutter}
 
 

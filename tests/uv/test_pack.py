@@ -1,0 +1,187 @@
+"""Packing: charts keep their shapes and their gutters, inside a page that they fill."""
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from aoprecalc.uv.charts import Charts, doubled_uv_areas
+from aoprecalc.uv.pack import (
+    MIN_GUTTER,
+    NoRoomError,
+    Outlines,
+    chart_masks,
+    choose_gutter,
+    first_unsafe_mip,
+    pack_charts,
+)
+from aoprecalc.uv.page import Page, reach_of_gutter
+
+SIZE = 256
+
+
+def polygons(count, seed):
+    """Charts of star-shaped polygons, cut into fans: round ones, long ones, concave ones, all of them apart."""
+    rng = np.random.default_rng(seed)
+    uvs, chart = [], []
+    for number in range(count):
+        corners = rng.integers(3, 12)
+        angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
+        points = rng.uniform(0.3, 1, (corners, 1)) * np.stack([np.cos(angles), np.sin(angles)], 1)
+        points *= rng.lognormal(0, 0.7) * np.array([1, rng.uniform(0.05, 1)])
+        turn = rng.uniform(0, np.pi)
+        points = points @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+        uvs.append(np.stack([np.zeros_like(points), points, np.roll(points, -1, axis=0)], 1))
+        chart.append(np.full(corners, number))
+    return Charts(np.concatenate(uvs), np.concatenate(chart).astype(np.int32))
+
+
+def rectangle(width, height, number=0):
+    corners = np.array([(0, 0), (width, 0), (width, height), (0, height)], float)
+    return Charts(corners[[[0, 1, 2], [0, 2, 3]]], np.full(2, number, np.int32))
+
+
+def touches(triangle, row, column):
+    """Tell whether a triangle and a cell share area: no side of either lies between them (separating axes)."""
+    cell = np.array([(column, row), (column + 1, row), (column + 1, row + 1), (column, row + 1)], float)
+    for shape in (triangle, cell):
+        for side in np.roll(shape, -1, axis=0) - shape:
+            along = np.array([-side[1], side[0]])
+            one, other = triangle @ along, cell @ along
+            if one.max() <= other.min() + 1e-9 or other.max() <= one.min() + 1e-9:
+                return False
+    return True
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_masks_are_the_cells_that_triangles_touch_by_a_slow_reference(seed):
+    triangles = np.random.default_rng(seed).uniform(0, 12, (20, 3, 2))
+    triangles -= triangles.min(axis=1, keepdims=True)
+    masks = chart_masks(triangles, np.arange(20, dtype=np.int32), 0.0)
+    for triangle, mask in zip(triangles, masks, strict=True):
+        expected = [[touches(triangle, row, column) for column in range(mask.shape[1])] for row in range(mask.shape[0])]
+        assert np.array_equal(mask, expected)
+        assert mask.any(axis=0).all()
+        assert mask.any(axis=1).all()
+
+
+def test_a_square_on_the_grid_touches_the_cells_inside_it_alone():
+    square = rectangle(8, 8)
+    assert [mask.shape for mask in chart_masks(square.uvs, square.chart, 1e-3)] == [(8, 8)]
+
+
+def covered(charts, packed, size):
+    """The texels that each chart covers, by the slow reference."""
+    texels = []
+    for chart in range(charts.count):
+        triangles = packed.uvs[charts.chart == chart] * size
+        low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+        rows, columns = (range(int(low[axis]), int(np.ceil(high[axis]))) for axis in (1, 0))
+        found = [(row, column) for row in rows for column in columns if any(touches(t, row, column) for t in triangles)]
+        texels.append(np.array(found))
+    return texels
+
+
+@pytest.mark.parametrize(("size", "padding", "seed"), [(128, 1, 0), (128, 3, 1), (100, 8, 2)])
+def test_gutters_are_kept_between_charts_and_across_the_sides_by_a_slow_reference(size, padding, seed):
+    charts = polygons(12, seed)
+    packed = pack_charts(charts, size, padding)
+    texels = covered(charts, packed, size)
+    for chart, own in enumerate(texels):
+        others = np.concatenate([found for other, found in enumerate(texels) if other != chart])
+        around = np.concatenate([others + (down, right) for down in (-size, 0, size) for right in (-size, 0, size)])
+        assert KDTree(around).query(own)[0].min() >= packed.gutter + 1
+        assert own.min() >= packed.gutter / 2
+        assert own.max() < size - packed.gutter / 2
+
+
+@pytest.mark.parametrize("cell", [1, 2, 3])
+@pytest.mark.parametrize("gutter", [2, 3, 5, 8])
+def test_what_a_cell_keeps_free_are_those_with_a_texel_too_near(gutter, cell):
+    reach = reach_of_gutter(gutter, cell)
+    own = np.stack(np.meshgrid(range(cell), range(cell)), -1).reshape(-1, 2)
+    for row in range(12):
+        for column in range(12):
+            other = own + (row * cell, column * cell)
+            distance = np.linalg.norm(own[:, None] - other, axis=2).min()
+            assert (row < len(reach) and column <= reach[row]) == (distance < gutter + 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_chart_keeps_its_shape_and_the_page_is_full(seed):
+    charts = polygons(60, seed)
+    packed = pack_charts(charts, SIZE, 1)
+    assert packed.gutter == MIN_GUTTER
+    assert packed.uvs.min() > 0
+    assert packed.uvs.max() < 1
+    sides, packed_sides = (np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2) for uvs in (charts.uvs, packed.uvs))
+    assert np.allclose(packed_sides * SIZE, sides * packed.density)
+    winding, packed_winding = (np.sign(np.linalg.det(uvs[:, 1:] - uvs[:, :1])) for uvs in (charts.uvs, packed.uvs))
+    assert np.array_equal(winding, packed_winding)  # turned, not mirrored
+    assert doubled_uv_areas(packed.uvs).sum() / 2 > 0.5
+
+
+def test_the_unit_of_length_does_not_matter_and_runs_are_equal():
+    charts = polygons(40, seed=5)
+    first = pack_charts(charts, SIZE, 4)
+    assert np.array_equal(pack_charts(charts, SIZE, 4).uvs, first.uvs)
+    larger = pack_charts(Charts(charts.uvs * 1024, charts.chart), SIZE, 4)
+    assert np.array_equal(larger.uvs, first.uvs)
+    assert larger.density * 1024 == first.density
+
+
+def test_faces_in_no_chart_stay_at_the_origin():
+    charts = polygons(5, seed=6)
+    none = np.zeros((2, 3, 2))
+    more = Charts(np.concatenate([none, charts.uvs]), np.concatenate([[-1, -1], charts.chart]).astype(np.int32))
+    packed = pack_charts(more, SIZE, 4)
+    assert not packed.uvs[:2].any()
+    assert np.array_equal(packed.uvs[2:], pack_charts(charts, SIZE, 4).uvs)
+
+
+@pytest.mark.parametrize("size", [1024, 4096])
+def test_a_density_is_exact(size):
+    square = rectangle(1, 1)
+    packed = pack_charts(square, size, 8, density=512)
+    assert packed.density == 512
+    corners = packed.uvs.reshape(-1, 2) * size
+    assert np.array_equal(corners.max(axis=0) - corners.min(axis=0), [512, 512])
+    assert np.array_equal(corners, np.round(corners))  # it covers 512 texels a side, not 513
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(NoRoomError, match="did not fit 256 x 256 texels with gutters of 2; use a larger --size"):
+        pack_charts(rectangle(1, 1), SIZE, 8, density=300)
+    many = [rectangle(1, 1, number) for number in range(2000)]
+    with pytest.raises(NoRoomError):  # not even at one texel each
+        pack_charts(Charts(np.concatenate([c.uvs for c in many]), np.concatenate([c.chart for c in many])), 64, 1)
+
+
+def test_a_long_chart_is_laid_along_the_page_and_turned_where_it_fits():
+    turn = np.array([(np.cos(0.4), np.sin(0.4)), (-np.sin(0.4), np.cos(0.4))])
+    long = rectangle(20, 1)
+    packed = pack_charts(Charts(long.uvs @ turn, long.chart), SIZE, 1)
+    extent = np.ptp(packed.uvs.reshape(-1, 2), axis=0) * SIZE
+    assert extent.max() > 0.97 * (SIZE - packed.gutter)
+    assert extent.min() < extent.max() / 19
+
+
+def test_a_small_chart_lies_in_the_hole_of_a_large_one():
+    frame = np.ones((40, 40), bool)
+    frame[10:30, 10:30] = False
+    places = Page(40, 40, reach_of_gutter(2, 1)).place([np.ones((16, 16), bool), frame])
+    assert places[1].tolist() == [0, 0, 0]
+    assert places[0, :2].tolist() == [12, 12]
+
+
+def test_the_gutter_shrinks_with_the_room_and_never_below_two():
+    assert choose_gutter(Outlines(1.0, 0.1), 1024, 8) == 16
+    gutters = [choose_gutter(Outlines(1.0, length), 1024, 8) for length in (4.0, 40.0, 100.0, 400.0, 4000.0)]
+    assert gutters == sorted(gutters, reverse=True)
+    assert gutters[-1] == 2
+    assert choose_gutter(Outlines(1.0, 4.0), 1024, 0) == 2
+
+
+def test_eight_texels_of_padding_are_right_to_level_two():
+    assert first_unsafe_mip(16, 8) == 3
+    assert [first_unsafe_mip(gutter, 99) for gutter in (2, 6, 12, 24)] == [1, 2, 3, 4]
+    assert [first_unsafe_mip(99, padding) for padding in (0, 1, 3, 6)] == [0, 1, 2, 3]
