@@ -238,6 +238,27 @@ def test_a_missing_reference_is_told_and_the_rest_is_read(stage):
     assert "lost.usda" in scene.warnings[0]
 
 
+@pytest.mark.slow
+def test_nested_instances_without_end_are_refused(stage):
+    add_mesh(stage, "/level0/box")
+    for level in range(1, 9):
+        for number in range(10):
+            prim = UsdGeom.Xform.Define(stage, f"/level{level}/copy{number}").GetPrim()
+            prim.GetReferences().AddInternalReference(f"/level{level - 1}")
+            prim.SetInstanceable(True)
+    with pytest.raises(InputError, match="use a smaller scene"):
+        saved(stage)
+
+
+def test_a_glb_gets_the_numbers_of_the_materials(stage):
+    look = add_material(stage, "/look", diffuseColor=(0.5, 0.0, 1.0), roughness=0.25, metallic=1.0, opacity=0.5)
+    bind(add_mesh(stage, "/box"), look)
+    material = saved(stage).document.materials["look"]
+    assert material.factor(textured=False) == pytest.approx((0.5, 0, 1), abs=1e-6)
+    assert (material.roughness, material.metalness, material.opacity) == (0.25, 1, 0.5)
+    assert material.alpha_mode == "BLEND"
+
+
 HEAD = "#usda 1.0\n"
 TRIANGLE = """def Mesh "m" {{
     point3f[] points = [{points}]

@@ -15,6 +15,7 @@ from aoprecalc.types import AlphaMask, Float32Array, Float64Array, Material, Wra
 
 _WRAPS: dict[str, Wrap] = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 _OPAQUE = 1 - 1 / 255
+_OTHERS = ("emissiveColor", "specularColor", "metallic", "roughness", "clearcoat", "clearcoatRoughness", "normal")
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "a": 3, "rgb": 0}
 
 
@@ -57,6 +58,8 @@ class UsdMaterial:
     prim        its path
     color       linear
     threshold   of the opacity: above 0, there are holes where it is less
+    emission    linear
+    others      further inputs that have textures
     """
 
     name: str
@@ -67,6 +70,10 @@ class UsdMaterial:
     threshold: float = 0.0
     opacity_texture: TextureUse | None = None
     occlusion: TextureUse | None = None
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    roughness: float = 0.5
+    metalness: float = 0.0
+    others: tuple[str, ...] = ()
 
     @property
     def uv_names(self) -> tuple[str, ...]:
@@ -139,7 +146,8 @@ class UsdMaterials:
     def _source(self, look: UsdMaterial) -> SourceMaterial:
         color, opacity = look.color_texture, look.opacity_texture
         red, green, blue = srgb_from_linear(np.clip(look.color, 0, 1)).tolist() if color is None else (1.0, 1.0, 1.0)
-        left_out = []
+        left_out = [f"the texture of {name}" for name in look.others]
+        glow_red, glow_green, glow_blue = srgb_from_linear(np.clip(look.emission, 0, 1)).tolist()
         if any(use is not None and use.image.path is None for use in (color, opacity)):
             left_out.append("textures inside the .usdz")
         mode: AlphaMode = "OPAQUE"
@@ -165,6 +173,9 @@ class UsdMaterials:
             None if mode == "OPAQUE" or opacity is None else opacity.image.path,
             {"a": "alpha", "r": "red", "g": "green", "b": "blue"}.get(opacity.channel, "") if opacity else "",
             mode,
+            emission=(glow_red, glow_green, glow_blue),
+            roughness=min(max(look.roughness, 0.0), 1.0),
+            metalness=min(max(look.metalness, 0.0), 1.0),
             left_out=tuple(left_out),
         )
 
@@ -177,6 +188,8 @@ class UsdMaterials:
         color, color_texture = self._input(surface, "diffuseColor", (0.18, 0.18, 0.18))
         opacity, opacity_texture = self._input(surface, "opacity", 1.0)
         red, green, blue = (float(value) for value in color)
+        emitted = self._input(surface, "emissiveColor", (0.0, 0.0, 0.0))[0]
+        others = [one for one in _OTHERS if self._input(surface, one, 0.0)[1] is not None]
         return UsdMaterial(
             name,
             path,
@@ -186,6 +199,10 @@ class UsdMaterials:
             float(self._input(surface, "opacityThreshold", 0.0)[0]),
             opacity_texture,
             self._input(surface, "occlusion", 1.0)[1],
+            (float(emitted[0]), float(emitted[1]), float(emitted[2])),
+            float(self._input(surface, "roughness", 0.5)[0]),
+            float(self._input(surface, "metallic", 0.0)[0]),
+            tuple(others),
         )
 
     def _input(self, shader: Any, name: str, default: Any) -> tuple[Any, TextureUse | None]:

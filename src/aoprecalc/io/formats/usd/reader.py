@@ -19,7 +19,7 @@ from aoprecalc.io.formats.usd.materials import UsdMaterial, UsdMaterials
 from aoprecalc.progress import Note
 from aoprecalc.types import Float64Array, Int64Array, Scene
 
-_MAX_PRIMS = 10_000_000  # nested instances multiply; a stage of a few kilobytes may have more than any memory holds
+_MAX_PRIMS, _MAX_MESHES = 1_000_000, 50_000  # nested instances multiply: a few kilobytes may be more than memory
 _MAX_TOLD = 5  # warnings of USD that are passed on
 _UV_TYPES = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]")
 _PLAIN_UVS = ("st", "st0", "st1", "uv", "UVMap", "map1")  # names of UVs that some programs write as float2[]
@@ -161,7 +161,7 @@ class _StageReader:
         """Return the faces of all meshes that are shown."""
         from pxr import Usd, UsdGeom
 
-        pieces: list[MeshPiece] = []
+        meshes = []
         prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
         walk = iter(prims)
         for number, prim in enumerate(walk):
@@ -171,11 +171,13 @@ class _StageReader:
                 self._kinds["PointInstancer"] += 1
                 walk.PruneChildren()
             elif prim.IsA(UsdGeom.Mesh):
-                pieces += self._mesh(prim)
+                meshes.append(prim)
             elif prim.IsA(UsdGeom.Gprim):
                 self._kinds[prim.GetTypeName()] += self._shown(prim)
         self._kinds += Counter()  # without those of which none is shown
-        return pieces
+        if len(meshes) > _MAX_MESHES:
+            raise InputError(f"{self._path}: more than {_MAX_MESHES:,} meshes; join them, or use a smaller scene")
+        return [piece for prim in meshes for piece in self._mesh(prim)]
 
     def _shown(self, prim: Any) -> bool:
         from pxr import UsdGeom
