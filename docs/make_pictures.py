@@ -24,7 +24,7 @@ import trimesh
 from PIL import Image, ImageDraw
 
 import aoprecalc as ao
-from aoprecalc.render.contact_sheet import contact_sheet
+from aoprecalc.render.comparison import contact_sheet
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
