@@ -145,7 +145,8 @@ def first_look(
 ) -> tuple[Int32Array, Float32Array]:
     """Measure an atlas coarsely, from the front: the face at each texel or -1, and its ambient occlusion, (h, w) each.
 
-    The same for both backends where rays can be traced. The options that count are those of the value, and threads.
+    The same for both backends where rays can be traced, and without the ground, so that bakes with other options have
+    the same UVs, and can be compared.
     """
     coarse = replace(
         options,
@@ -158,7 +159,7 @@ def first_look(
     )
     if embreex_problem() is None:
         backend = RayBackend(options.threads)
-    setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, coarse))
+    setup = BakeSetup(backend, BakeInputs(replace(scene, ground_normal=None), atlas, normals, coarse))
     side, texels = setup.sides[0], setup.sides[0].texels
     faces: Int32Array = np.full((_LOOK_SIZE, _LOOK_SIZE), -1, np.int32)
     values: Float32Array = np.zeros(faces.shape, np.float32)
