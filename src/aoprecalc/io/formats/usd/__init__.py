@@ -37,7 +37,7 @@ class UsdFormat(MeshFormat):
         """Read the meshes with the materials that are bound to them; raises InputError where usd-core is missing."""
         if find_spec("pxr") is None:
             raise InputError(f"{path}: USD needs the package usd-core; `pip install 'aoprecalc[usd]'`")
-        return read_stage(path, data) if data.startswith(b"#usda") else _read_apart(path, len(data))
+        return read_stage(path) if data.startswith(b"#usda") else _read_apart(path, len(data))
 
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
         """Return its sublayers, references, payloads and textures."""
@@ -105,7 +105,7 @@ def answer() -> None:
     found: Scene | Exception
     try:
         with np.errstate(all="ignore"):
-            found = read_stage(path, path.read_bytes())
+            found = read_stage(path)
     except AoprecalcError as error:
         found = error
     except Exception as error:

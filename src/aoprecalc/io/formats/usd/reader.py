@@ -49,14 +49,12 @@ class UsdPart(PartSource):
 
 @dataclass(frozen=True, eq=False)
 class UsdDocument(SourceDocument):
-    """What is kept of a stage; it is opened again to be written.
+    """What is kept of a stage.
 
-    files    those that it was composed of, and its textures
-    binary   its root layer is a .usdc, whatever its name
+    files   those that it was composed of, and its textures
     """
 
     files: tuple[Path, ...] = ()
-    binary: bool = False
 
 
 @contextmanager
@@ -85,7 +83,7 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())[:240]
 
 
-def read_stage(path: Path, data: bytes) -> Scene:
+def read_stage(path: Path) -> Scene:
     """Read every Mesh that is shown as a part, or as one for each of its materials; instances where they are placed.
 
     Raises InputError where the stage is damaged or has no such mesh.
@@ -101,7 +99,7 @@ def read_stage(path: Path, data: bytes) -> Scene:
     polygons = Polygons.of_triangles(0)
     for piece in pieces:
         polygons = polygons.concatenate(part_source(piece.source).polygons)
-    document = UsdDocument(polygons, reader.materials.sources(), files, data.startswith(b"PXR-USDC"))
+    document = UsdDocument(polygons, reader.materials.sources(), files)
     if not pieces and messages:
         raise InputError(f"{path}: no mesh is shown, a surface was expected; {messages[0]}")
     scene = build_scene(path, path.suffix.lower()[1:], pieces, document, messages)
