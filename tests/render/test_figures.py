@@ -129,8 +129,9 @@ def test_the_shadow_of_a_disc_on_a_floor(backend):
 
 def one_group(backend, **more):
     """A bake of a cluttered scene with 128 directions, which make one group: all sample the texels at their centres."""
-    options = BakeOptions(size=48, directions=128, normals="flat", padding=0, fill="none", backend=backend, **more)
-    return bake_scene(scene(*clutter(3)), options), options
+    options = BakeOptions(size=56, directions=128, normals="flat", padding=0, fill="none", backend=backend, **more)
+    positions, faces = clutter(3)
+    return bake_scene(scene(positions, faces, triangle_a_cell(len(faces))), options), options
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -141,7 +142,7 @@ def test_the_mean_of_all_directions_is_the_texture(backend):
     """
     baked, options = one_group(backend, estimator="mean")
     axes = light_axes(128)
-    total = np.zeros((48, 48))
+    total = np.zeros((56, 56))
     with open_backend(options, Progress()) as opened:
         setup = BakeSetup(opened, BakeInputs(baked.scene, baked.atlas, baked.normals, options))
         (side,) = setup.sides
@@ -151,11 +152,9 @@ def test_the_mean_of_all_directions_is_the_texture(backend):
         local = LocalVisibility(setup, side, baked.shadow_size or 512, 1 << 20, Progress())
         measured = gather(setup, side, local, 1 << 20)
     mean = np.minimum(4 / 128 * total, 1)
-    off = np.abs(mean.ravel()[side.texels.index] - measured.values)
-    assert np.quantile(off, 0.99) < 1e-5
-    assert off.max() < 1e-3  # a depth may be rounded to either side of a surface
+    np.testing.assert_allclose(mean.ravel()[side.texels.index], measured.values, atol=1e-5)
     difference = (mean - baked.texture.values)[baked.texture.valid]
-    assert np.sqrt((difference**2).mean()) < 0.03  # what the fit changes, on charts of a few texels
+    assert np.sqrt((difference**2).mean()) < 0.02
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

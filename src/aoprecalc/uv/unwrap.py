@@ -38,7 +38,7 @@ from aoprecalc.uv.charts import (
     out_of_scale,
     sum_over_charts,
 )
-from aoprecalc.uv.pack import pack_charts
+from aoprecalc.uv.pack import NoRoomError, pack_charts
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
 # Measures an atlas coarsely: (h, w) int32, the face at each texel or -1, and (h, w) float32, its ambient occlusion.
@@ -289,7 +289,10 @@ def _fill_page(scene: Scene, atlas: Atlas, first_look: FirstLook | None, size: i
         of_face[:-1][atlas.mapped] = chart
         scales = scales_by_need(of_face[faces], values, atlas.charts)
     charts = Charts(atlas.uvs[atlas.mapped] * scales[chart, None, None], chart)  # they keep their shapes in the page
-    packed = pack_charts(charts, size, padding)
+    try:
+        packed = pack_charts(charts, size, padding)
+    except NoRoomError:  # where the page has hardly a texel for each chart
+        return atlas
     uvs = np.zeros_like(atlas.uvs)
     uvs[atlas.mapped] = packed.uvs
     return replace(atlas, uvs=uvs, gutter=packed.gutter)
