@@ -1,6 +1,7 @@
 """USD stages: what usd-core composes is what is baked, and damage is one line."""
 
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from aoprecalc.io.meshes import input_files, source_files
 from aoprecalc.mesh.roles import up_axis
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.options import BakeOptions
+from aoprecalc.pipeline.state import InputFiles
 
 CORNERS = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
 SIDES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -308,6 +310,41 @@ def test_a_cut_binary_stage_is_told(stage, tmp_path, share):
     (tmp_path / "c.usdc").write_bytes(data[: int(share * len(data))])
     with pytest.raises(InputError, match=r"c\.usdc: .*; the file is damaged, export it again$"):
         load_scene(tmp_path / "c.usdc")
+
+
+CHILDREN = {
+    "dies": ("import os; os.abort()", r"USD could not read it \(signal 6"),
+    "hangs": ("import time; time.sleep(60)", r"USD gave no answer within 1 s"),
+}
+LAYERS = {"b.usdc": b"PXR-USDC", "wrap.usda": b'#usda 1.0\ndef "a" (references = @./b.usdc@</a>) {}'}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("name", LAYERS)
+@pytest.mark.parametrize(("program", "found"), CHILDREN.values(), ids=CHILDREN)
+def test_a_layer_that_ends_or_stops_usd_does_so_in_a_child(tmp_path, capfd, monkeypatch, name, program, found):
+    monkeypatch.setattr("aoprecalc.io.formats.usd._CHILD", [sys.executable, "-c", program])
+    monkeypatch.setattr("aoprecalc.io.formats.usd._SECONDS", 0.6)
+    (tmp_path / name).write_bytes(LAYERS[name])
+    assert list(InputFiles.of(tmp_path / name).files) == [name]
+    with pytest.raises(InputError, match=found):
+        load_scene(tmp_path / name)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_files_of_a_stage_are_found_whatever_their_kind(stage, tmp_path, capfd):
+    add_mesh(stage, "/box")
+    stage.GetRootLayer().Export(str(tmp_path / "b.usdc"))
+    (tmp_path / "wrap.usda").write_bytes(LAYERS["wrap.usda"].replace(b"</a>", b"</box>"))
+    binary = Usd.Stage.CreateNew(str(tmp_path / "top.usdc"))
+    binary.DefinePrim("/a").GetReferences().AddReference("./wrap.usda", "/a")
+    binary.DefinePrim("/b").GetReferences().AddReference("./lost.usda")
+    binary.GetRootLayer().Save()
+    capfd.readouterr()
+    expected = {"top.usdc", "wrap.usda", "b.usdc", "lost.usda"}
+    assert {path.name for path in input_files(tmp_path / "top.usdc", b"PXR-USDC")} == expected
+    assert {path.name for path in source_files(load_scene(tmp_path / "top.usdc"))} == expected
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_package_without_meshes_is_told(stage, tmp_path):

@@ -2,8 +2,10 @@
 
 import pickle
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,8 @@ from aoprecalc.errors import AoprecalcError, InputError
 from aoprecalc.io.formats.base import MeshFormat, PartOcclusion, first_uvs
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.files import ColorImages
-from aoprecalc.io.formats.usd.reader import UsdDocument, part_source, read_stage, stage_files
-from aoprecalc.subprocesses import ChildTimeoutError, ask, end_with_parent
+from aoprecalc.io.formats.usd.reader import UsdDocument, part_source, read_stage, stage_files, usd_messages
+from aoprecalc.subprocesses import ChildTimeoutError, ask, end_with_parent, report_step
 from aoprecalc.types import Atlas, BaseColor, Part, Scene
 
 _CHILD = [sys.executable, "-P", "-c", "from aoprecalc.io.formats.usd import answer; answer()"]
@@ -37,11 +39,17 @@ class UsdFormat(MeshFormat):
         """Read the meshes with the materials that are bound to them; raises InputError where usd-core is missing."""
         if find_spec("pxr") is None:
             raise InputError(f"{path}: USD needs the package usd-core; `pip install 'aoprecalc[usd]'`")
-        return read_stage(path) if data.startswith(b"#usda") else _read_apart(path, len(data))
+        return read_stage(path) if _is_alone(data) else _read_apart(path, len(data))
 
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
         """Return its sublayers, references, payloads and textures."""
-        return [] if find_spec("pxr") is None else list(stage_files(path))
+        if find_spec("pxr") is None or _is_alone(data):
+            return []
+        try:
+            files: tuple[Path, ...] = _ask_child(path, len(data), "files")
+        except (ChildTimeoutError, OSError):  # reading it will fail, too, and say why
+            return []
+        return list(files)
 
     def source_files(self, scene: Scene) -> list[Path]:
         """Return the stage and those files."""
@@ -81,15 +89,19 @@ def _document(scene: Scene) -> UsdDocument:
     return scene.document
 
 
-# Damage in a binary layer may hang or crash USD, so that another process reads it.
+# Damage in a binary layer may hang or crash USD, so that another process reads it, and any layer that may refer to one.
+
+
+def _is_alone(data: bytes) -> bool:
+    """Tell whether it is a text layer without the path of any other file; these stand between @."""
+    return data.startswith(b"#usda") and b"@" not in data
 
 
 def _read_apart(path: Path, size: int) -> Scene:
-    seconds = _SECONDS + size / _BYTES_PER_SECOND
     try:
-        found = pickle.loads(ask(_CHILD, pickle.dumps(path), timeout=seconds))
+        found = _ask_child(path, size, "scene")
     except ChildTimeoutError as error:
-        raise damaged_file(path, f"USD has not read it within {seconds:.0f} s") from error
+        raise damaged_file(path, f"USD gave {error}") from error
     except OSError as error:
         raise damaged_file(path, f"USD could not read it ({error})") from error
     if isinstance(found, Exception):
@@ -98,16 +110,32 @@ def _read_apart(path: Path, size: int) -> Scene:
     return found
 
 
+def _ask_child(path: Path, size: int, wanted: str) -> Any:
+    """Return the child's answer; its time depends on the bytes of the file and, once known, of those it refers to."""
+    started = time.monotonic()
+
+    def limit(step: str) -> None:
+        seconds = _SECONDS + (int(step) if step.isdigit() else size) / _BYTES_PER_SECOND
+        if time.monotonic() - started > seconds:
+            raise ChildTimeoutError(round(seconds), step)
+
+    return pickle.loads(ask(_CHILD, pickle.dumps((path, wanted)), limit))
+
+
 def answer() -> None:
-    """In the child: read the stage that the parent asks for, and send it, or the error, back."""
+    """In the child: send what the parent asks for, the `files` of a stage or its `scene`, or the error, back."""
     end_with_parent()
-    path: Path = pickle.loads(sys.stdin.buffer.read())
-    found: Scene | Exception
+    path, wanted = pickle.loads(sys.stdin.buffer.read())
+    found: Scene | tuple[Path, ...] | Exception
     try:
-        with np.errstate(all="ignore"):
-            found = read_stage(path)
+        with usd_messages(path):
+            found = files = stage_files(path)
+        if wanted == "scene":
+            report_step(str(sum(file.stat().st_size for file in (path, *files) if file.is_file())))
+            with np.errstate(all="ignore"):
+                found = read_stage(path, files)
     except AoprecalcError as error:
-        found = error
+        found = () if wanted == "files" else error
     except Exception as error:
         sys.exit(" ".join(str(error).split())[:120] or type(error).__name__)
     sys.stdout.buffer.write(pickle.dumps(found))

@@ -83,9 +83,10 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())[:240]
 
 
-def read_stage(path: Path) -> Scene:
+def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
     """Read every Mesh that is shown as a part, or as one for each of its materials; instances where they are placed.
 
+    files   those of the stage, without itself
     Raises InputError where the stage is damaged or has no such mesh.
     """
     from pxr import Usd, UsdGeom
@@ -94,7 +95,6 @@ def read_stage(path: Path) -> Scene:
         stage = Usd.Stage.Open(str(path))
         reader = _StageReader(path, stage)
         pieces, up = reader.pieces(), UsdGeom.GetStageUpAxis(stage)
-        files = stage_files(path)
     messages = [*(f"{path}: {line}" for line in told), *reader.messages()]
     polygons = Polygons.of_triangles(0)
     for piece in pieces:
