@@ -118,7 +118,7 @@ def read_ply(path: Path, data: bytes) -> Scene:
     face_columns, face_lists = face.columns, {name: face.lists[name] for name in face.lists if name not in _OWN_LISTS}
     strips = _strips(tables)
     if len(strips):
-        polygons, corner_uvs = polygons.concatenate(Polygons.of_triangles(len(strips))), None
+        polygons, corner_uvs = Polygons.concatenate([polygons, Polygons.of_triangles(len(strips))]), None
         vertices = np.concatenate([vertices, strips])
         face_columns = {name: np.pad(column, (0, len(strips))) for name, column in face_columns.items()}
         padded = {name: np.pad(entries.counts, (0, len(strips))) for name, entries in face_lists.items()}

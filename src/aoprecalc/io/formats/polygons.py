@@ -54,12 +54,16 @@ class Polygons:
         """Return polygons that are triangles, `number` of them."""
         return cls(np.full(number, 3), np.arange(3 * number).reshape(-1, 3), np.arange(number))
 
-    def concatenate(self, other: Self) -> Self:
-        """Return these polygons followed by the others."""
-        return type(self)(
-            np.concatenate([self.counts, other.counts]),
-            np.concatenate([self.triangles, other.triangles + self.counts.sum()]),
-            np.concatenate([self.owners, other.owners + len(self.counts)]),
+    @classmethod
+    def concatenate(cls, runs: "Sequence[Polygons]") -> Self:
+        """Return the polygons of all runs, at least one, one after the other."""
+        counts = [run.counts for run in runs]
+        corners = np.cumsum([0, *(each.sum() for each in counts)])
+        polygons = np.cumsum([0, *map(len, counts)])
+        return cls(
+            np.concatenate(counts),
+            np.concatenate([run.triangles + start for run, start in zip(runs, corners[:-1], strict=True)]),
+            np.concatenate([run.owners + start for run, start in zip(runs, polygons[:-1], strict=True)]),
         )
 
     def merge_triangles(

@@ -96,9 +96,9 @@ def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
         reader = _StageReader(path, stage)
         pieces, up = reader.pieces(), UsdGeom.GetStageUpAxis(stage)
     messages = [*(f"{path}: {line}" for line in told), *reader.messages()]
-    polygons = Polygons.of_triangles(0)
-    for piece in pieces:
-        polygons = polygons.concatenate(part_source(piece.source).polygons)
+    polygons = Polygons.concatenate(
+        [Polygons.of_triangles(0), *(part_source(piece.source).polygons for piece in pieces)]
+    )
     document = UsdDocument(polygons, reader.materials.sources(), files)
     if not pieces and messages:
         raise InputError(f"{path}: no mesh is shown, a surface was expected; {messages[0]}")
