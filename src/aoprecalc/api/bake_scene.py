@@ -289,7 +289,7 @@ def _messages_on_dark_texels(baked: Baked, options: BakeOptions) -> list[str]:
             f"{dark.inside:.1%} of texels are enclosed: if a part surrounds the others, such as a sky or a room, leave "
             "it out with --exclude"
         )
-    if dark.on_ground + dark.above_ground >= _MANY:
+    if dark.on_ground + dark.above_ground >= _MANY and options.up == "auto" and baked.scene.up is None:
         lines.append(
             f"{dark.on_ground + dark.above_ground:.1%} of texels face the ground: if another axis points up, name it "
             "with --up"

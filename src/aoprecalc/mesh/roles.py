@@ -133,7 +133,8 @@ def baked_apart(scene: Scene) -> tuple[Scene, ...]:
     Levels of detail are baked by themselves, and so are up to 16 groups of parts that are small and far apart: maps and
     rays that are as fine as one group needs could not reach to the next. All of them occlude in each of these passes.
     """
-    return tuple(group for level in range(scene.levels) for group in _groups(at_level(scene, level)))
+    levels = [at_level(scene, level) for level in range(scene.levels)]
+    return tuple(group for shown in levels if shown.receives.any() for group in _groups(shown))
 
 
 def _groups(scene: Scene) -> tuple[Scene, ...]:

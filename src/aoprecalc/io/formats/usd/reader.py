@@ -94,7 +94,7 @@ def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
     with usd_messages(path) as told:
         stage = Usd.Stage.Open(str(path))
         reader = _StageReader(path, stage)
-        pieces, up = reader.pieces(), UsdGeom.GetStageUpAxis(stage)
+        pieces, up, unit = reader.pieces(), UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)
     messages = [*(f"{path}: {line}" for line in told), *reader.messages()]
     polygons = Polygons.concatenate(
         [Polygons.of_triangles(0), *(part_source(piece.source).polygons for piece in pieces)]
@@ -102,6 +102,10 @@ def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
     document = UsdDocument(polygons, reader.materials.sources(), files)
     if not pieces and messages:
         raise InputError(f"{path}: no mesh is shown, a surface was expected; {messages[0]}")
+    if unit != 1:
+        messages.append(Note(f"its unit is {unit:g} metres; its numbers are kept, and a GLB calls them metres"))
+    if up == UsdGeom.Tokens.z:
+        messages.append(Note("its axis Z points up; its numbers are kept, and in a GLB Y points up"))
     scene = build_scene(path, path.suffix.lower()[1:], pieces, document, messages)
     return replace(scene, up="z" if up == UsdGeom.Tokens.z else "y")
 
