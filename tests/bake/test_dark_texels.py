@@ -102,11 +102,15 @@ def test_what_faces_the_ground_rests_on_it_or_is_above_it(backend):
 
 
 def test_a_plate_that_faces_the_ground_alone_asks_for_the_axis():
-    plate = quad((0, 0, 0), (0, 1, 0), (1, 0, 0))
-    baked = grounded(scene(*join(plate, quad((0, 0, -1), (1e-3, 0, 0), (0, 1e-3, 0)))))
+    plate = quad((0, 0, 0), (1, 0, 0), (0, 0, 1))
+    made = scene(*join(plate, quad((0, -1, 0), (1e-3, 0, 0), (0, 0, 1e-3))))
+    baked = grounded(made, up="auto")
     assert baked.dark.above_ground > 0.9
     assert any("--up" in line for line in baked.warnings)
-    assert grounded(baked.scene, up="x").warnings == ()
+    for known in (grounded(made, up="y"), grounded(replace(made, up="y"), up="auto")):  # there is nothing to ask
+        assert known.dark.above_ground > 0.9
+        assert known.warnings == ()
+    assert grounded(made, up="x").warnings == ()
 
 
 def test_the_bottom_of_a_well_is_narrow():

@@ -195,14 +195,11 @@ def test_what_is_not_shown_is_left_out_and_told(stage):
     instancer.CreatePrototypesRel().AddTarget("/trees/tree")
     scene = saved(stage)
     assert [part.name for part in scene.parts] == ["a"]
-    assert (
-        scene.notes
-        == (
-            "1 invisible mesh left out",
-            "1 mesh of the purpose guide or proxy left out",
-            "1 subdivision surface is read as the control cage",
-            "its unit is 0.01 metres; its numbers are kept, and a GLB calls them metres",  # what a stage means that says none
-        )
+    assert scene.notes == (
+        "1 invisible mesh left out",
+        "1 mesh of the purpose guide or proxy left out",
+        "1 subdivision surface is read as the control cage",
+        "its unit is 0.01 metres; its numbers are kept, and a GLB calls them metres",  # where a stage says none
     )
     assert len(scene.warnings) == 1
     assert "not 1 PointInstancer, 1 Sphere" in scene.warnings[0]

@@ -174,11 +174,31 @@ def test_a_small_chart_lies_in_the_hole_of_a_large_one():
 
 
 def test_the_gutter_shrinks_with_the_room_and_never_below_two():
-    assert choose_gutter(Outlines(1.0, 0.1), 1024, 8) == 16
-    gutters = [choose_gutter(Outlines(1.0, length), 1024, 8) for length in (4.0, 40.0, 100.0, 400.0, 4000.0)]
+    assert choose_gutter(Outlines(1.0, 0.1, 1.0), 1024, 8) == 16
+    gutters = [choose_gutter(Outlines(1.0, length, 1.0), 1024, 8) for length in (4.0, 40.0, 100.0, 400.0, 4000.0)]
     assert gutters == sorted(gutters, reverse=True)
     assert gutters[-1] == 2
-    assert choose_gutter(Outlines(1.0, 4.0), 1024, 0) == 2
+    assert choose_gutter(Outlines(1.0, 4.0, 1.0), 1024, 0) == 2
+
+
+@pytest.mark.parametrize("size", [16, 17, 128, 1024])
+@pytest.mark.parametrize("thickness", [1e-2, 1e-4, 1e-8])
+def test_a_thin_chart_is_as_long_as_the_page(thickness, size):
+    """However thin: its area says nothing of the page that it needs. No image is larger than the page."""
+    packed = pack_charts(rectangle(1, thickness), size, 8)
+    assert np.ptp(packed.uvs.reshape(-1, 2), axis=0).max() * size > 0.99 * (size - 2 * (packed.gutter / 2 + 1))
+    assert packed.uvs.min() >= 0
+    assert packed.uvs.max() <= 1
+
+
+def test_a_thin_ring_is_as_wide_as_the_page():
+    angle = np.linspace(0, 2 * np.pi, 65)
+    outer, inner = (radius * np.column_stack([np.cos(angle), np.sin(angle)]) for radius in (1, 0.999))
+    first = np.stack([outer[:-1], outer[1:], inner[1:]], axis=1)
+    second = np.stack([outer[:-1], inner[1:], inner[:-1]], axis=1)
+    charts = Charts(np.concatenate([first, second]), np.zeros(128, np.int32))
+    packed = pack_charts(charts, SIZE, 4)
+    assert np.ptp(packed.uvs.reshape(-1, 2), axis=0).min() * SIZE > SIZE - packed.gutter - 2
 
 
 def test_eight_texels_of_padding_are_right_to_level_two():

@@ -94,7 +94,7 @@ class Outputs(AbstractContextManager["Outputs"]):
         return next(
             free
             for free in self.candidates(file)
-            if free not in own and (not free.exists() or free.read_bytes() == data)
+            if free not in own and (not os.path.lexists(free) or (free.is_file() and free.read_bytes() == data))
         )
 
     def release(self) -> dict[Path, Path]:

@@ -318,9 +318,9 @@ def _level_of(part: Part) -> tuple[str, int] | None:
 
 # A part that leaves the others little of the texture.
 
-_MOST = 1 / 2  # of the texture
-_COARSE = 1 / 4  # of the faces
-_DWARFED = 1 / 8  # of its diagonal
+_MIN_TEXTURE_SHARE = 1 / 2  # of the texture
+_MAX_FACE_SHARE = 1 / 4  # of the faces
+_MAX_RELATIVE_SIZE = 1 / 8  # of its diagonal
 
 
 def surrounding_part(scene: Scene, areas: Float64Array) -> Part | None:
@@ -336,7 +336,11 @@ def surrounding_part(scene: Scene, areas: Float64Array) -> Part | None:
     rest = areas > 0
     faces = int(np.count_nonzero(rest))
     rest[part.faces] = False
-    if max(shares) <= _MOST * sum(shares) or part.stop - part.start >= _COARSE * faces or not rest.any():
+    if (
+        max(shares) <= _MIN_TEXTURE_SHARE * sum(shares)
+        or part.stop - part.start >= _MAX_FACE_SHARE * faces
+        or not rest.any()
+    ):
         return None
     corners = scene.faces[rest]
     piece = face_components(corners)
@@ -345,4 +349,4 @@ def surrounding_part(scene: Scene, areas: Float64Array) -> Part | None:
     np.maximum.at(high, piece, scene.positions[corners].max(axis=1))
     diagonals = np.linalg.norm(high - low, axis=1)[piece]
     own = np.linalg.norm(np.ptp(scene.positions[scene.faces[part.faces]].reshape(-1, 3), axis=0))
-    return part if np.average(diagonals, weights=areas[rest]) < _DWARFED * own else None
+    return part if np.average(diagonals, weights=areas[rest]) < _MAX_RELATIVE_SIZE * own else None

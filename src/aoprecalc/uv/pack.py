@@ -25,12 +25,12 @@ _INSET = 1.0 / 1024.0
 # Search for the greatest scale.
 _FILL = 0.82  # of the page with charts and their gutters, until the first try tells it
 _QUICK_FILL = 0.7
-_AIM = 0.987  # of the page's height: what the next try should reach
-_CLOSE = 0.975  # of the page's height: what ends the search
-_RATIO = 1.006  # of the smallest scale that is too large to the greatest that fits: what ends it too
+_TARGET_HEIGHT = 0.987  # of the page's height: what the next try should reach
+_ACCEPTED_HEIGHT = 0.975  # of the page's height: what ends the search
+_ACCEPTED_RATIO = 1.006  # of the smallest scale that is too large to the greatest that fits: what ends it too
 _MAX_TRIES = 5  # once one fits
 _SMALLEST_STEP = 0.75  # after a scale that is far too large
-_SPARE = 1.5  # height of the page that tries may use, in sides
+_PAGE_HEIGHT = 1.5  # height of the page that tries may use, in sides
 
 # Orientation of charts.
 _ANGLES = 16  # of a quarter turn
@@ -99,18 +99,21 @@ class Outlines:
 
     covered  the area of the cells that charts touch, in squared units
     length   of the sides of their bounding boxes, in units, as gutters follow outlines about as tightly
+    longest  side of a bounding box, in units: no page holds more than its own side of it
     """
 
     covered: float
     length: float
+    longest: float
 
     @classmethod
     def of(cls, flat: Float64Array, chart: Int32Array, size: int) -> Self:
-        """Measure charts, see `chart_masks`, at a scale that suits a page of size x size cells."""
-        scale = math.sqrt(size**2 / float(doubled_uv_areas(flat).sum()))
+        """Measure charts, see `chart_masks`, at a scale that suits a page of size x size texels."""
+        longest, cells = float(flat.max()), min(size, _MAX_CELLS)
+        scale = min(math.sqrt(cells**2 / float(doubled_uv_areas(flat).sum())), cells / longest)
         masks = chart_masks(flat * scale, chart, 0.0)
         covered = sum(int(np.count_nonzero(mask)) for mask in masks) / scale**2
-        return cls(covered, 2 * sum(sum(mask.shape) for mask in masks) / scale)
+        return cls(covered, 2 * sum(sum(mask.shape) for mask in masks) / scale, longest)
 
     def scale(self, cells: float, gap: float) -> float:
         """Return the scale t at which charts and gaps need this many cells."""
@@ -187,7 +190,7 @@ class _Packing(NamedTuple):
     def at_scale(self, scale: float) -> _Layout | None:
         """Return the layout in a page that may become higher than wide; None where they do not fit that either."""
         masks = chart_masks(self.flat * scale, self.chart, self.inset)
-        places = Page(self.cells, int(_SPARE * self.cells), self.reach).place(masks)
+        places = Page(self.cells, int(_PAGE_HEIGHT * self.cells), self.reach).place(masks)
         if places is None:
             return None
         shapes = np.array([mask.shape for mask in masks])
@@ -203,8 +206,9 @@ class _Packing(NamedTuple):
         """
         if self.cells < 1:
             return None
-        best, too_large = None, math.inf
-        scale = outlines.scale((_QUICK_FILL if quick else _FILL) * self.cells**2, gap)
+        widest = self.cells / outlines.longest
+        best, too_large = None, widest * _ACCEPTED_RATIO
+        scale = min(outlines.scale((_QUICK_FILL if quick else _FILL) * self.cells**2, gap), widest)
         for attempt in itertools.count(1):
             layout = self.at_scale(scale)
             if layout is not None and layout.height <= self.cells:
@@ -212,15 +216,18 @@ class _Packing(NamedTuple):
             else:
                 too_large = scale
             if best is not None and (
-                quick or attempt >= _MAX_TRIES or best.height >= _CLOSE * self.cells or too_large < best.scale * _RATIO
+                quick
+                or attempt >= _MAX_TRIES
+                or best.height >= _ACCEPTED_HEIGHT * self.cells
+                or too_large < best.scale * _ACCEPTED_RATIO
             ):
                 break
-            if attempt >= _MAX_TRIES and outlines.covered * scale**2 < 1:
+            if scale * outlines.longest <= 1:  # each chart is one cell
                 break
             if layout is None:
                 scale *= _SMALLEST_STEP
             else:
-                scale = outlines.scale(outlines.needed(scale, gap) / layout.height * self.cells * _AIM, gap)
+                scale = outlines.scale(outlines.needed(scale, gap) / layout.height * self.cells * _TARGET_HEIGHT, gap)
             if best is None:
                 scale = min(scale, too_large * (1.0 - 0.005 * attempt))
             else:

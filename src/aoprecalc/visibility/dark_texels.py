@@ -159,16 +159,17 @@ def first_look(
     )
     if embreex_problem() is None:
         backend = RayBackend(options.threads)
-    setup = BakeSetup(backend, BakeInputs(replace(scene, ground_normal=None), atlas, normals, coarse))
-    side, texels = setup.sides[0], setup.sides[0].texels
+    parts = tuple(replace(part, two_sided=False) for part in scene.parts)
+    setup = BakeSetup(backend, BakeInputs(replace(scene, parts=parts, ground_normal=None), atlas, normals, coarse))
     faces: Int32Array = np.full((_LOOK_SIZE, _LOOK_SIZE), -1, np.int32)
     values: Float32Array = np.zeros(faces.shape, np.float32)
-    everything = slice(0, len(texels))
-    if len(texels):
-        samples = setup.samples(side, everything, 0)
-        visibility = LocalVisibility(setup, side, MIN_SHADOW_SIZE, len(texels), Progress())
-        sums = visibility.visibility_sums(samples, everything, 0)
+    for side in setup.sides:  # the front in each pass
+        if not (count := len(side.texels)):
+            continue
+        samples = setup.samples(side, slice(0, count), 0)
+        visibility = LocalVisibility(setup, side, MIN_SHADOW_SIZE, count, Progress())
+        sums = visibility.visibility_sums(samples, slice(0, count), 0)
         found, measured = estimate(sums, coarse.directions, coarse.estimator)
-        faces.ravel()[texels.index] = np.where(measured, samples.faces, -1)
-        values.ravel()[texels.index] = found
+        index = side.texels.index[measured]
+        faces.ravel()[index], values.ravel()[index] = samples.faces[measured], found[measured]
     return faces, values

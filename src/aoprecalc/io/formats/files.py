@@ -39,12 +39,8 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
 _PROBE = 256  # bytes of a text without a mark that show whether it is UTF-16
-_OLD_ENCODINGS = (
-    "cp1252",
-    "cp932",
-    "gbk",
-    "cp1251",
-)  # of names that are not UTF-8: Western, Japanese, Chinese, Russian
+# Of names that are not UTF-8: Western, Japanese, Chinese, Russian.
+_OLD_ENCODINGS = ("cp1252", "cp932", "gbk", "cp1251")
 _MAX_NAME = 4096  # characters
 
 # Windows asks the server that such a name begins with, or opens a device.

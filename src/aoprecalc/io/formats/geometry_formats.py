@@ -137,6 +137,7 @@ def _soup(name: str, corners: NDArray[np.floating]) -> MeshPiece:
 # OFF.
 
 _OFF_KEYWORD = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)(?![A-Za-z])")
+_MAX_INDEX = 1 << 62
 _OFF_COUNTS = re.compile(rb"\s*(\d+)\s+(\d+)(?:[ \t]+\d+|\s+\d+(?=[ \t]*(?:[\r\n]|$)))?(?=\s|$)")
 _COMMENT = re.compile(rb"#[^\r\n]*")
 
@@ -273,7 +274,7 @@ def _off_faces(path: Path, header: _OffHeader, lines: _Lines) -> list[list[int]]
         try:
             count = int(words[0])
             faces.append(list(map(int, words[1 : count + 1])))
-            if count < 0 or len(words) <= count:
+            if count < 0 or len(words) <= count or not abs(max(faces[-1], key=abs, default=0)) < _MAX_INDEX:
                 raise ValueError
         except (ValueError, OverflowError):
             expected = f"the number of its corners and their vertices were expected; {header}"

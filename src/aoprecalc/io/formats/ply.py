@@ -250,7 +250,7 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
 
 def _face_list(polygons: Polygons, faces: OutputFaces, entries: Lists) -> Lists:
     """Return a list property of the faces to write: of each corner where its lists are as long as the polygons."""
-    width = int(entries.counts[0] // polygons.counts[0]) if len(entries.counts) else 0
+    width = len(entries.values) // max(1, int(polygons.counts.sum()))
     if width < 1 or not np.array_equal(entries.counts, width * polygons.counts):
         return entries.take(faces.owners)
     corners = polygons.triangles.reshape(-1)[faces.corners]

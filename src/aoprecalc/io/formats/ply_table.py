@@ -156,6 +156,8 @@ def read_table(path: Path, elements: list[Element], body: bytes, order: str) -> 
             )
         try:
             tables[element.name], offset = _read_element(source, element, offset)
+        except OverflowError as error:
+            raise damaged_file(path, f"{element.name!a} has a number that {error}") from None
         except (IndexError, ValueError):
             raise damaged_file(
                 path, f"not all of the {element.count} expected rows of {element.name!a} are there"
@@ -248,7 +250,13 @@ class _AsciiValues:
         return int(self._numbers[offset])
 
     def take(self, kind: str, offsets: Int64Array) -> NDArray[Any]:
-        return self._numbers[offsets].astype(TYPES[kind])
+        """Return the values at (n,) offsets; raises OverflowError for those that an integer type does not hold."""
+        numbers, dtype = self._numbers[offsets], np.dtype(TYPES[kind])
+        if dtype.kind in "iu" and len(numbers):
+            limits = np.iinfo(dtype)
+            if not (numbers.min() >= limits.min and numbers.max() <= limits.max):  # NaN is neither
+                raise OverflowError(f"is no {kind}")
+        return numbers.astype(dtype)
 
 
 def _read_element(source: _BinaryValues | _AsciiValues, element: Element, offset: int) -> tuple[Table, int]:
