@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
@@ -190,6 +190,9 @@ def test_what_is_not_shown_is_left_out_and_told(stage):
     UsdGeom.Imageable(stage.GetPrimAtPath("/c")).GetPurposeAttr().Set("proxy")
     stage.GetPrimAtPath("/d").SetActive(False)
     UsdGeom.Sphere.Define(stage, "/ball")
+    UsdGeom.Camera.Define(stage, "/eye")
+    for name in ("sun", "moon"):
+        UsdLux.DistantLight.Define(stage, f"/{name}")
     instancer = UsdGeom.PointInstancer.Define(stage, "/trees")
     add_mesh(stage, "/trees/tree")
     instancer.CreatePrototypesRel().AddTarget("/trees/tree")
@@ -202,7 +205,7 @@ def test_what_is_not_shown_is_left_out_and_told(stage):
         "its unit is 0.01 metres; its numbers are kept, and a GLB calls them metres",  # where a stage says none
     )
     assert len(scene.warnings) == 1
-    assert "not 1 PointInstancer, 1 Sphere" in scene.warnings[0]
+    assert "not 1 Camera, 2 DistantLight, 1 PointInstancer, 1 Sphere;" in scene.warnings[0]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Self
@@ -201,14 +201,12 @@ def write_baked_mesh(
     Raises UsageError for another extension, OutputError where a file cannot be written.
     """
     check_mesh_extension(mesh_path, pack)
-    path, source = Path(mesh_path), _scene_format(scene)
+    path = Path(mesh_path)
     mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options)
     try:
-        written = format_of(path).write_with_ao(outputs, path, mesh)
+        return format_of(path).write_with_ao(outputs, path, mesh)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
-    not_read = (f"{path}: {source.name} was read without {source.not_read}",) if source.not_read else ()
-    return replace(written, messages=(*written.messages, *not_read))
 
 
 # The textures of a mesh.

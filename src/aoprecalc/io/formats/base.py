@@ -101,7 +101,6 @@ class MeshFormat(ABC):
     one_uv_set     the format holds one UV set; a baked one replaces those of the file
     alpha          the format holds transparency and alpha masks
     holds_options  the file says how its texture was baked, even where the texture does not
-    not_read       what a file of this format may hold and `read` leaves out, so that a GLB lacks it; empty if nothing
     """
 
     name: ClassVar[str]
@@ -111,7 +110,6 @@ class MeshFormat(ABC):
     one_uv_set: ClassVar[bool] = True
     alpha: ClassVar[bool] = False
     holds_options: ClassVar[bool] = False
-    not_read: ClassVar[str] = ""
 
     @abstractmethod
     def sniff(self, data: bytes) -> bool:

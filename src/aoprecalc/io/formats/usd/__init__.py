@@ -28,7 +28,6 @@ class UsdFormat(MeshFormat):
     extensions = (".usd", ".usda", ".usdc", ".usdz")
     one_uv_set = False
     alpha = True
-    not_read = "its lights, cameras, animation and other prims than meshes"
 
     def sniff(self, data: bytes) -> bool:
         """Tell whether it is a binary layer, a text one, or a ZIP that begins with one."""

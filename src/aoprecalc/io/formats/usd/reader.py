@@ -144,7 +144,8 @@ class _StageReader:
         lines = [*self._warnings, *self.materials.warnings]
         if self._kinds:
             kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self._kinds.items()))
-            lines.append(f"{self._path}: only meshes are read, not {kinds}; convert them to keep them")
+            advice = "make meshes of shapes, and add lights and cameras to the result"
+            lines.append(f"{self._path}: only meshes are read, not {kinds}; {advice}")
         if number := count["hidden"]:
             lines.append(Note(f"{counted(number, 'invisible mesh', 'invisible meshes')} left out"))
         if number := count["purpose"]:
@@ -161,7 +162,7 @@ class _StageReader:
 
     def pieces(self) -> list[MeshPiece]:
         """Return the faces of all meshes that are shown."""
-        from pxr import Usd, UsdGeom
+        from pxr import Usd, UsdGeom, UsdLux
 
         meshes = []
         prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
@@ -174,7 +175,7 @@ class _StageReader:
                 walk.PruneChildren()
             elif prim.IsA(UsdGeom.Mesh):
                 meshes.append(prim)
-            elif prim.IsA(UsdGeom.Gprim):
+            elif prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.Camera) or prim.HasAPI(UsdLux.LightAPI):
                 self._kinds[prim.GetTypeName()] += self._shown(prim)
         self._kinds += Counter()  # without those of which none is shown
         if len(meshes) > _MAX_MESHES:
