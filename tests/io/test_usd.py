@@ -10,7 +10,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
-from aoprecalc.io.meshes import input_files, source_files
+from aoprecalc.io.meshes import base_colors, input_files, source_files
 from aoprecalc.mesh.roles import up_axis
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.options import BakeOptions
@@ -263,6 +263,41 @@ def test_a_glb_gets_the_numbers_of_the_materials(stage):
     assert material.factor(textured=False) == pytest.approx((0.5, 0, 1), abs=1e-6)
     assert (material.roughness, material.metalness, material.opacity) == (0.25, 1, 0.5)
     assert material.alpha_mode == "BLEND"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "factor", "told"),
+    [
+        ("scale", (0.5, 1, 0.25, 1), (0.5, 1, 0.25), []),
+        ("scale", (2, 1, 1, 1), (1, 1, 1), ["look"]),
+        ("bias", (0.5, 0, 0, 0), (1, 1, 1), ["look"]),
+    ],
+)
+def test_a_scale_multiplies_the_texture_and_what_cannot_be_kept_is_told(stage, tmp_path, name, value, factor, told):
+    Image.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "wood.png")
+    mesh = add_mesh(stage, "/card", QUAD, [[0, 1, 2, 3]])
+    add_uvs(mesh, "st", [(0, 0), (1, 0), (1, 1), (0, 1)])
+    bind(mesh, add_material(stage, "/look", "./wood.png", "rgb", "diffuseColor"))
+    texture = UsdShade.Shader(stage.GetPrimAtPath("/look/texture"))
+    texture.CreateInput(name, Sdf.ValueTypeNames.Float4).Set(value)
+    scene = saved(stage)
+    assert scene.document.materials["look"].factor(textured=True) == pytest.approx(factor, abs=1e-6)
+    assert base_colors(scene)[0][0].factor == factor
+    assert [
+        re.findall("scale and bias of colour textures are ignored in (.*);", line)[0] for line in scene.warnings
+    ] == told
+
+
+@pytest.mark.parametrize("context", ["mtlx", "mdl", ""])
+def test_materials_of_other_kinds_are_told(stage, context):
+    material = UsdShade.Material.Define(stage, "/looks/oak")
+    shader = UsdShade.Shader.Define(stage, "/looks/oak/surface")
+    shader.CreateIdAttr("ND_standard_surface_surfaceshader")
+    material.CreateSurfaceOutput(context).ConnectToSource(shader.ConnectableAPI(), "surface")
+    bind(add_mesh(stage, "/box"), material)
+    bind(add_mesh(stage, "/bare"), UsdShade.Material.Define(stage, "/looks/bare"))
+    (line,) = saved(stage).warnings
+    assert "read as opaque and white: oak;" in line
 
 
 HEAD = "#usda 1.0\n"

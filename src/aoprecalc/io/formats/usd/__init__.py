@@ -80,7 +80,7 @@ class UsdFormat(MeshFormat):
             return BaseColor(source.look.color)
         texture = images.get(use.image)
         uvs = use.transform(scene.uv_sets[source.uv_names.index(use.uv_name)][part.faces])
-        return BaseColor() if texture is None else BaseColor((1.0, 1.0, 1.0), texture, uvs)
+        return BaseColor() if texture is None else BaseColor(use.factor, texture, uvs)
 
 
 def _document(scene: Scene) -> UsdDocument:

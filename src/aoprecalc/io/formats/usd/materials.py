@@ -14,6 +14,7 @@ from aoprecalc.texture_lookup import srgb_from_linear
 from aoprecalc.types import AlphaMask, Float32Array, Float64Array, Material, Wrap
 
 _WRAPS: dict[str, Wrap] = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
+_MAX_NAMES = 5  # that a warning lists
 _OPAQUE = 1 - 1 / 255
 _OTHERS = ("emissiveColor", "specularColor", "metallic", "roughness", "clearcoat", "clearcoatRoughness", "normal")
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "a": 3, "rgb": 0}
@@ -40,6 +41,19 @@ class TextureUse:
     def transform(self, uvs: Float64Array) -> Float64Array:
         """Return (..., 2) UVs of the texture."""
         return np.asarray(uvs @ self.matrix[:, :2].T + self.matrix[:, 2])
+
+    @property
+    def factor(self) -> tuple[float, float, float]:
+        """What its colours are multiplied by, linear, from 0 to 1; 1 where no such factor does what it says."""
+        if not self.is_plain:
+            return 1.0, 1.0, 1.0
+        red, green, blue = self.scale[:3].tolist()
+        return red, green, blue
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its colours are those of the image times a factor from 0 to 1."""
+        return not self.bias[:3].any() and bool(((self.scale[:3] >= 0) & (self.scale[:3] <= 1)).all())
 
     def values(self) -> Float32Array:
         """Return the values of its channel, (h, w) float32; raises InputError where the image cannot be read."""
@@ -82,6 +96,10 @@ class UsdMaterial:
         return tuple(dict.fromkeys(use.uv_name for use in uses if use is not None))
 
 
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
+
+
 class UsdMaterials:
     """The materials of a stage, each read once.
 
@@ -93,6 +111,7 @@ class UsdMaterials:
         self._path, self._time = path, time
         self._by_prim: dict[str, UsdMaterial] = {}
         self._opacities: dict[str, Float32Array | None] = {}
+        self._unknown: list[str] = []  # the names of those with a surface of another kind
         self.warnings: list[str] = []
 
     def bound_to(self, prim: Any) -> UsdMaterial | None:
@@ -109,6 +128,18 @@ class UsdMaterials:
             free = name if name not in taken else path
             self._by_prim[path] = self._read(material, free, path)
         return self._by_prim[path]
+
+    def messages(self) -> list[str]:
+        """Return warnings about all that cannot be read of the materials."""
+        lines = list(self.warnings)
+        if self._unknown:
+            found = f"materials without a UsdPreviewSurface are read as opaque and white: {_listed(self._unknown)}"
+            lines.append(f"{self._path}: {found}; export them with one")
+        uses = {look.name: look.color_texture for look in self._by_prim.values()}
+        if names := [name for name, use in uses.items() if use is not None and not use.is_plain]:
+            found = f"the scale and bias of colour textures are ignored in {_listed(names)}"
+            lines.append(f"{self._path}: {found}; apply them to the images")
+        return lines
 
     def sources(self) -> dict[str, SourceMaterial]:
         """Return what other formats get of the materials, by name."""
@@ -145,7 +176,7 @@ class UsdMaterials:
 
     def _source(self, look: UsdMaterial) -> SourceMaterial:
         color, opacity = look.color_texture, look.opacity_texture
-        red, green, blue = srgb_from_linear(np.clip(look.color, 0, 1)).tolist() if color is None else (1.0, 1.0, 1.0)
+        red, green, blue = srgb_from_linear(np.clip(color.factor if color else look.color, 0, 1)).tolist()
         left_out = [f"the texture of {name}" for name in look.others]
         glow_red, glow_green, glow_blue = srgb_from_linear(np.clip(look.emission, 0, 1)).tolist()
         if any(use is not None and use.image.path is None for use in (color, opacity)):
@@ -184,6 +215,8 @@ class UsdMaterials:
     def _read(self, material: Any, name: str, path: str) -> UsdMaterial:
         surface = material.ComputeSurfaceSource()[0]
         if not surface or surface.GetShaderId() != "UsdPreviewSurface":
+            if surface or any(output.HasConnectedSource() for output in material.GetSurfaceOutputs()):
+                self._unknown.append(name)
             return UsdMaterial(name, path, (1.0, 1.0, 1.0))
         color, color_texture = self._input(surface, "diffuseColor", (0.18, 0.18, 0.18))
         opacity, opacity_texture = self._input(surface, "opacity", 1.0)

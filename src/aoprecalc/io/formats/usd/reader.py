@@ -141,7 +141,7 @@ class _StageReader:
     def messages(self) -> list[str]:
         """Return what the user should know of the stage."""
         count = self._counts
-        lines = [*self._warnings, *self.materials.warnings]
+        lines = [*self._warnings, *self.materials.messages()]
         if self._kinds:
             kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self._kinds.items()))
             advice = "make meshes of shapes, and add lights and cameras to the result"
