@@ -120,7 +120,7 @@ class Scene:
     uv_sets        each (f, 3, 2) float64, v upwards (row 0 of an image is at v = 1), (0, 0) where a face has none
     parts          consecutive faces that cover the scene
     document       the original file as its reader keeps it, to write it back; opaque to others
-    up             the axis that points up, where the file says it
+    up, unit       the axis that points up, and the metres that 1 is, where the file says them
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
     ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
@@ -135,6 +135,7 @@ class Scene:
     parts: tuple[Part, ...]
     document: object = None
     up: Literal["y", "z"] | None = None
+    unit: float | None = None
     welded: tuple[int, float] | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -294,8 +295,7 @@ class Baked:
     directions      number of light directions that were used
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
     dark            its texels that get no light, and why
-    backend         gl or ray
-    renderer        name of the OpenGL renderer, or of the ray tracer
+    backend         gl or ray; renderer: name of the OpenGL renderer, or of the ray tracer
     shadow_size     side of the depth maps in texels; None without maps
     options         those that define the value, as they were used: the axis that points up, the crease angle of STL
     warnings, notes   lines for the user about the result: those that may need an action, those that need none

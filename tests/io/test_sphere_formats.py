@@ -18,7 +18,13 @@ from pxr import Usd, UsdGeom
 from aoprecalc.cli import main
 from aoprecalc.errors import OutputError, UsageError
 from aoprecalc.io import load_scene
-from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, check_sphere_extension, sphere_document, write_sphere_set
+from aoprecalc.io.sphere_files import (
+    SPHERE_EXTENSIONS,
+    check_sphere_extension,
+    read_spheres,
+    sphere_document,
+    write_sphere_set,
+)
 from aoprecalc.types import SphereSet
 
 # Digits that only all 17 give back, exponents of both signs without a point in them, and a sphere of no size.
@@ -185,6 +191,15 @@ def test_usda(write, scene):
         assert np.array_equal(extent, np.float32([[-radius] * 3, [radius] * 3]))
         placed = np.array(sphere.ComputeLocalToWorldTransform(Usd.TimeCode.Default()))
         assert np.array_equal(placed, trimesh.transformations.translation_matrix(center).T)
+
+
+def test_a_usda_has_the_frame_of_its_mesh(write, scene, monkeypatch):
+    monkeypatch.setattr("aoprecalc.io.sphere_files.scenes.find_spec", lambda name: None)
+    path = write(".usda", scene=replace(scene, up="z", unit=0.0254))
+    stage = Usd.Stage.Open(str(path))
+    assert UsdGeom.GetStageUpAxis(stage) == "Z"
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 0.0254
+    assert np.array_equal(read_spheres(path)[0], CENTERS)
 
 
 @pytest.mark.parametrize("kind", SPHERE_EXTENSIONS)

@@ -98,7 +98,9 @@ def test_a_mesh_is_placed_in_the_world_and_faces_outwards(stage, scale, orientat
 @pytest.mark.parametrize(("axis", "up"), [("Y", "y"), ("Z", "z")])
 def test_the_stage_says_what_is_up(stage, axis, up):
     UsdGeom.SetStageUpAxis(stage, axis)
+    UsdGeom.SetStageMetersPerUnit(stage, 0.001)
     add_mesh(stage, "/box")
+    assert saved(stage).unit == 0.001
     assert up_axis(saved(stage), BakeOptions(ground=True)) == up
     assert up_axis(saved(stage), BakeOptions(ground=True, up="x")) == "x"
 

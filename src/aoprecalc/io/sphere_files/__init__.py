@@ -9,7 +9,6 @@ import numpy as np
 
 from aoprecalc.errors import InputError, OutputError, UsageError
 from aoprecalc.io.sphere_files.scenes import (
-    identifier,
     printable_name,
     read_balls,
     read_urdf,
@@ -77,7 +76,7 @@ SPHERE_FORMATS = {
     ".yml": _CUROBO,
     ".yaml": _CUROBO,
     ".urdf": SphereFormat(lambda spheres, quality, scene: urdf_robot(spheres, printable_name(scene)), read_urdf),
-    ".usda": SphereFormat(lambda spheres, quality, scene: usda_stage(spheres, identifier(scene)), read_usda),
+    ".usda": SphereFormat(lambda spheres, quality, scene: usda_stage(spheres, scene), read_usda),
 }
 SPHERE_EXTENSIONS = tuple(SPHERE_FORMATS)
 

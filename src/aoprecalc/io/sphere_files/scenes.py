@@ -269,13 +269,13 @@ def _origin(element: ElementTree.Element) -> Frame:
     return Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix(), offset
 
 
-# USDA: sphere prims under one transform. Most meshes have y up, as glTF; their unit is unknown and taken as a metre.
+# USDA: sphere prims under one transform. Most meshes have y up, as glTF, and a metre as the unit, unless they say more.
 _HEAD = """\
 #usda 1.0
 (
     defaultPrim = "{name}"
-    metersPerUnit = 1
-    upAxis = "Y"
+    metersPerUnit = {unit}
+    upAxis = "{axis}"
 )
 
 def Xform "{name}"
@@ -294,22 +294,24 @@ _SPHERE = """\
 """
 
 
-def usda_stage(spheres: SphereSet, name: str) -> str:
-    """Return a USDA stage whose default prim has the given name, an identifier, with a Sphere prim for each sphere."""
-    return _stage(spheres.centers, spheres.radii, name)
+def usda_stage(spheres: SphereSet, scene: Scene | None) -> str:
+    """Return a USDA stage in the frame of the scene and with its name, with a Sphere prim for each sphere."""
+    up, unit = (None, None) if scene is None else (scene.up, scene.unit)
+    head = _HEAD.format(name=identifier(scene), unit=f"{unit or 1:.15g}", axis=(up or "y").upper())
+    return _stage(spheres.centers, spheres.radii, head)
 
 
-def _stage(centers: Float64Array, radii: Float64Array, name: str) -> str:
+def _stage(centers: Float64Array, radii: Float64Array, head: str) -> str:
     prims = [
         _SPHERE.format(number=number, x=x, y=y, z=z, radius=radius, low=-radius)
         for number, ((x, y, z), radius) in enumerate(zip(centers.tolist(), radii.tolist(), strict=True))
     ]
-    return f"{_HEAD.format(name=name)}{''.join(prims)}}}\n"
+    return f"{head}{''.join(prims)}}}\n"
 
 
 _RADIUS = re.compile(r"^ +double radius = (\S+)$", re.MULTILINE)
 _TRANSLATION = re.compile(r"^ +double3 xformOp:translate = \((\S+), (\S+), (\S+)\)$", re.MULTILINE)
-_DEFAULT_PRIM = re.compile(r'defaultPrim = "(\w+)"')
+_FRAME = re.compile(r'defaultPrim = "(?P<name>\w+)"\n +metersPerUnit = (?P<unit>\S+)\n +upAxis = "(?P<axis>[YZ])"')
 
 
 def read_usda(path: Path) -> tuple[Float64Array, Float64Array]:
@@ -325,13 +327,14 @@ def read_usda(path: Path) -> tuple[Float64Array, Float64Array]:
         raise InputError(
             f"{path}: holds bytes that are not text ({error}), USDA was expected; export it again"
         ) from error
-    name = _DEFAULT_PRIM.search(text)
+    frame = _FRAME.search(text)
     try:
         radii = np.array([float(radius) for radius in _RADIUS.findall(text)], np.float64)
         centers = np.array(
             [[float(value) for value in center] for center in _TRANSLATION.findall(text)], np.float64
         ).reshape(-1, 3)
-        if name is not None and len(centers) == len(radii) and _stage(centers, radii, name[1]) == text:
+        head = _HEAD.format(**frame.groupdict()) if frame is not None else "other"
+        if len(centers) == len(radii) and _stage(centers, radii, head) == text:
             return centers, radii
     except ValueError:
         pass  # another program wrote it

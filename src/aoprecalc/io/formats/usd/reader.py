@@ -107,7 +107,7 @@ def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
     if up == UsdGeom.Tokens.z:
         messages.append(Note("its axis Z points up; its numbers are kept, and in a GLB Y points up"))
     scene = build_scene(path, path.suffix.lower()[1:], pieces, document, messages)
-    return replace(scene, up="z" if up == UsdGeom.Tokens.z else "y")
+    return replace(scene, up="z" if up == UsdGeom.Tokens.z else "y", unit=unit if 0 < unit < np.inf else None)
 
 
 def stage_files(path: Path) -> tuple[Path, ...]:
