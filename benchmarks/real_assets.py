@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -228,6 +229,43 @@ def levels(maker: GltfMaker) -> None:
         maker.node(mesh=maker.mesh(primitive), name=name)
 
 
+def zipped(folder: Path) -> Path:
+    """Write a ZIP that holds a glTF with its buffer."""
+    inside = folder / "inside"
+    inside.mkdir()
+    gltf(inside, plain_stool, "stool.gltf", binary="stool.bin")
+    with zipfile.ZipFile(folder / "stool.zip", "w") as archive:
+        for name in ("stool.gltf", "stool.bin"):
+            archive.write(inside / name, f"model/{name}")
+    return folder / "stool.zip"
+
+
+def vrm(folder: Path) -> Path:
+    """Write a GLB under the name of an avatar."""
+    return gltf(folder, plain_stool).rename(folder / "stool.vrm")
+
+
+def collada(folder: Path) -> Path:
+    """Write the stool as COLLADA."""
+    positions, quads = boxes(STOOL)
+    triangles = np.array([(quad[0], quad[i], quad[i + 1]) for quad in quads for i in (1, 2)])
+    trimesh.Trimesh(positions, triangles, process=False).export(folder / "stool.dae")
+    return folder / "stool.dae"
+
+
+def usd(folder: Path) -> Path:
+    """Write the stool as a USD stage of text."""
+    positions, quads = boxes(STOOL)
+    points = ", ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in positions)
+    (folder / "stool.usda").write_text(
+        '#usda 1.0\n(\n    metersPerUnit = 1\n    upAxis = "Y"\n)\n\ndef Mesh "stool"\n{\n'
+        f"    int[] faceVertexCounts = {[4] * len(quads)}\n"
+        f"    int[] faceVertexIndices = {[at for quad in quads for at in quad]}\n"
+        f'    point3f[] points = [{points}]\n    uniform token subdivisionScheme = "none"\n}}\n'
+    )
+    return folder / "stool.usda"
+
+
 # Reading answers.
 
 
@@ -276,8 +314,8 @@ def gear_area(corners: int) -> Callable[[Answer], str]:
 
 
 def welded(answer: Answer) -> str:
-    """Return whether the written ball is smooth: the greatest angle of a vertex normal to the ball's."""
-    mesh = answer.scene.to_mesh()
+    """Return whether the written ball is smooth: the greatest angle between a vertex normal and the ball's."""
+    (mesh,) = answer.scene.geometry.values()
     outward = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
     angle = np.degrees(np.arccos(np.einsum("vx,vx->v", mesh.vertex_normals, outward).min()))
     return "smooth" if angle < 3 else f"{angle:.0f} degrees off"
@@ -417,6 +455,10 @@ ROWS = [
     ),
     Row("KHR_materials_variants", lambda at: gltf(at, variants), occlusions, "2 of 2 materials"),
     Row("three UV sets, of which one is used", lambda at: gltf(at, three_uv_sets), ao_set, "TEXCOORD_1"),
+    Row("glTF in a ZIP", zipped, triangles, "24 triangles"),
+    Row("VRM", vrm, lambda answer: answer.mesh.suffix, ".vrm"),
+    Row("COLLADA", collada, triangles, "24 triangles"),
+    Row("USD", usd, triangles, "24 triangles"),
     Row(
         "levels of detail and a collision hull",
         lambda at: gltf(at, levels),
@@ -440,7 +482,7 @@ def run(row: Row, source: Path, folder: Path) -> tuple[Answer, Path]:
     command = [sys.executable, "-m", "aoprecalc", "bake", str(mesh), "-o", f"{out}/", *options]
     environment = os.environ | {"PYTHONPATH": str(source)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
-    written = sorted(path for path in out.iterdir() if path.suffix in (".obj", ".ply", ".glb", ".gltf"))
+    written = sorted(path for path in out.iterdir() if path.suffix in (".obj", ".ply", ".glb", ".gltf", ".vrm"))
     return Answer(done.returncode, done.stderr, written[0] if written else None), mesh
 
 
@@ -496,7 +538,7 @@ for image in bpy.data.images:
 
 def imported(path: Path, blender: str) -> set[str]:
     """Return the warnings and errors of Blender's importer, without paths."""
-    if path.suffix in (".off", ".dae", ".3mf"):
+    if path.suffix not in (".obj", ".ply", ".stl", ".glb", ".gltf"):
         return set()
     done = subprocess.run(
         [blender, "-c", IMPORT, str(path)], capture_output=True, text=True, errors="replace", timeout=300
