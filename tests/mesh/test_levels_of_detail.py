@@ -127,17 +127,17 @@ def test_levels_inside_one_another_are_open(backend):
 @pytest.mark.parametrize(
     ("options", "received"),
     [
-        ({"exclude": ("ball_LOD0",)}, {"ball_LOD1", "ball_LOD2"}),
-        ({"exclude": ("ball_LOD1", "UCX_ball")}, {"ball_LOD0", "ball_LOD2"}),
-        ({"only": ("ball_LOD2",)}, {"ball_LOD2"}),
-        ({"only": ("UCX_ball",)}, {"UCX_ball"}),
-        ({"occluders_only": ("ball_LOD0",)}, {"ball_LOD1", "ball_LOD2"}),
+        ({"exclude": ("ball_LOD0",)}, "ball_LOD1 ball_LOD2"),
+        ({"exclude": ("ball_LOD1", "UCX_ball")}, "ball_LOD0 ball_LOD2"),
+        ({"only": ("ball_LOD2",)}, "ball_LOD2"),
+        ({"only": ("UCX_ball",)}, "UCX_ball"),
+        ({"occluders_only": ("ball_LOD0",)}, "ball_LOD1 ball_LOD2"),
     ],
     ids=str,
 )
 def test_levels_at_which_nothing_receives_are_left_out(options, received):
     baked = bake_scene(named(NESTED), BakeOptions(size=64, directions=64, backend="ray", **options))
-    assert {part.name for part in baked.scene.parts if part.receives} == received
+    assert {part.name for part in baked.scene.parts if part.receives} == set(received.split())
     assert baked.texture.values[baked.texture.valid].min() > 0.999
     points = sample_surface(baked.scene, baked.atlas.mapped, 50, seed=0)
     values = reference_ao(baked.scene, baked.normals, points, VerifyOptions(rays=64), Progress())
