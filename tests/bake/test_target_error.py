@@ -73,7 +73,7 @@ def over(found, shape):
 
 
 # An even set of 512 directions, four groups, errs less than the law by which its error is told: 1.6 times too high.
-TOO_HIGH = {"clutter-seed-1": [512], "pile-seed-7": [512]}
+TOO_HIGH = {"clutter-seed-0": [512], "clutter-seed-1": [512], "pile-seed-7": [512]}
 
 
 @pytest.mark.slow
