@@ -12,6 +12,7 @@ The table goes into benchmarks/results/real_assets.json.
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -489,7 +490,8 @@ def run(row: Row, source: Path, folder: Path) -> tuple[Answer, Path]:
 def told_value(row: Row, answer: Answer) -> str:
     """Return what the row's reader says, or why it cannot say anything."""
     if answer.code:
-        return f"exit code {answer.code}: {(answer.messages.strip().splitlines() or [''])[-1]}"
+        last = (answer.messages.strip().splitlines() or [""])[-1]
+        return f"exit code {answer.code}: {re.sub(r'/[^:]*/', '', last)}"  # the same wherever it ran
     if answer.mesh is None:
         return "no mesh was written"
     try:

@@ -159,7 +159,7 @@ class UnpackedFormat(MeshFormat):
     def __init__(self, inner: MeshFormat) -> None:
         """Behave as the inner format."""
         self._inner = inner
-        self.name = inner.name  # type: ignore[misc]
+        self.name = inner.name  # type: ignore[misc]  # others state it once for the class
 
     def sniff(self, data: bytes) -> bool:
         """Ask the inner format."""
