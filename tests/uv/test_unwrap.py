@@ -15,6 +15,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, corner_ids
+from aoprecalc.uv.pack import NoRoomError
 from aoprecalc.uv.unwrap import _CHILDREN, choose_atlas, unwrap
 from shapes import ball, box, join, quad, quad_uvs, scene, torus
 
@@ -234,3 +235,18 @@ def test_a_texel_of_two_faces_has_the_value_of_the_first(backend):
         middle = baked.texture.values[16:48, 16:48]
         assert np.abs(middle - expected).max() < 0.02
         assert any("the value of the face that comes first in the file" in line for line in baked.warnings)
+
+
+def test_a_page_without_room_for_texels_by_need_keeps_the_packing_that_fits(monkeypatch):
+    made = scene(*box())
+    fits = unwrap(made, "xatlas", SIZE, 4)
+
+    def no_room(*_):
+        raise NoRoomError("there is no room")
+
+    monkeypatch.setattr("aoprecalc.uv.unwrap.pack_charts", no_room)  # in this process alone, not in the child
+    kept = unwrap(made, "xatlas", SIZE, 4)
+    assert kept.charts == fits.charts
+    assert kept.mapped.all()
+    assert kept.gutter >= 2
+    assert 0 <= kept.uvs.min() < kept.uvs.max() <= 1
