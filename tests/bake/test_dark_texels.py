@@ -9,7 +9,7 @@ from aoprecalc.api.bake_scene import bake_report, bake_scene
 from aoprecalc.api.reports import BakeOutputs
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.options import BakeOptions
-from aoprecalc.uv.charts import doubled_uv_areas
+from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.visibility import dark_texels
 from shapes import ball, box, cap, join, quad, scene, scene_of_parts, spun
 

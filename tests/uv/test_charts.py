@@ -9,10 +9,10 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer, overlapping_triangles
-from aoprecalc.raster.layout import build_layout
+from aoprecalc.raster.layout import build_layout, doubled_uv_areas
 from aoprecalc.uv import charts as cutting
 from aoprecalc.uv import unwrap as unwrapping
-from aoprecalc.uv.charts import Charts, cut_again, doubled_uv_areas, make_charts, out_of_scale, sum_over_charts
+from aoprecalc.uv.charts import Charts, cut_again, make_charts, out_of_scale, sum_over_charts
 from aoprecalc.uv.unwrap import cut_and_pack, unwrap
 from shapes import ball, box, cap, city, clutter, join, quad, rotation, scene, scene_of_parts, torus
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from aoprecalc.uv.charts import Charts, doubled_uv_areas
+from aoprecalc.raster.layout import doubled_uv_areas
+from aoprecalc.uv.charts import Charts
 from aoprecalc.uv.pack import (
     MIN_GUTTER,
     NoRoomError,

@@ -33,7 +33,8 @@ from aoprecalc.uv.unwrap import choose_atlas, needs_uvs, surface_share, warnings
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels, first_look
 from aoprecalc.visibility.directions import auto_shadow_size
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather, map_error
+from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
+from aoprecalc.visibility.map_error import map_error
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
 _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark

@@ -155,15 +155,20 @@ def texel_positions(atlas: Atlas, texels: Texels, samples: Samples) -> Float32Ar
     return positions
 
 
+def doubled_uv_areas(uvs: Float64Array) -> Float64Array:
+    """Return twice the area of each of (f, 3, 2) triangles, (f,)."""
+    side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
+    areas: Float64Array = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])
+    return areas
+
+
 def area_per_texel(scene: Scene, atlas: Atlas, texels: Texels) -> Float64Array:
     """Return the surface area of a texel on each face, (f,) float64, with the mesh scaled to the unit sphere.
 
     A face smaller than a texel counts as one texel, as it has hardly more than one sample.
     """
     surface = np.linalg.norm(area_vectors(to_unit_sphere(scene.positions)[scene.faces]), axis=1) / 2
-    first, second = atlas.uvs[:, 1] - atlas.uvs[:, 0], atlas.uvs[:, 2] - atlas.uvs[:, 0]
-    uv_areas = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
-    areas: Float64Array = surface / np.maximum(uv_areas * texels.width * texels.height, 1.0)
+    areas: Float64Array = surface / np.maximum(doubled_uv_areas(atlas.uvs) / 2 * texels.width * texels.height, 1.0)
     return areas
 
 

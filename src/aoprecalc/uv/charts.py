@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.mesh.surface import area_vectors, face_normals
 from aoprecalc.mesh.topology import adjacent_half_edges, edge_ids, joined_faces, unique_rows
+from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.subprocesses import FIRST_STEP, POLL_SECONDS, report_step
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 
@@ -138,13 +139,6 @@ def _finished(uvs: Float64Array, chart: Int32Array, corners: Float64Array) -> Ch
     result[placed] = (uvs[placed] - low[piece][:, None]) * scale[piece][:, None, None]
     pieces[placed] = piece
     return Charts(result, pieces)
-
-
-def doubled_uv_areas(uvs: Float64Array) -> Float64Array:
-    """Return twice the area of each of (f, 3, 2) triangles, (f,)."""
-    side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
-    areas: Float64Array = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0])
-    return areas
 
 
 def out_of_scale(areas: Float64Array, surface: Float64Array, negligible: float = 0.0) -> BoolArray:

@@ -10,8 +10,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
-from aoprecalc.uv.charts import Charts, doubled_uv_areas
+from aoprecalc.uv.charts import Charts
 from aoprecalc.uv.page import IntArray, Page, reach_of_gutter
 
 MIN_GUTTER = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution

@@ -17,7 +17,15 @@ from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import overlapping_triangles
-from aoprecalc.raster.layout import MAX_TILES, Layout, Rasterizer, atlas_from_uvs, build_layout, corner_ids
+from aoprecalc.raster.layout import (
+    MAX_TILES,
+    Layout,
+    Rasterizer,
+    atlas_from_uvs,
+    build_layout,
+    corner_ids,
+    doubled_uv_areas,
+)
 from aoprecalc.subprocesses import (
     ChildKilledError,
     ChildTimeoutError,
@@ -33,7 +41,6 @@ from aoprecalc.uv.charts import (
     Charts,
     Unwrapper,
     cut_again,
-    doubled_uv_areas,
     make_charts,
     out_of_scale,
     sum_over_charts,

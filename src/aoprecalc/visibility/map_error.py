@@ -1,0 +1,97 @@
+"""What depth maps are wrong by where their texels are far wider than the texture's."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aoprecalc.mesh.surface import bounding_sphere, positions_of
+from aoprecalc.progress import Progress
+from aoprecalc.raster.layout import area_per_texel, doubled_uv_areas
+from aoprecalc.types import Float64Array, Texels
+from aoprecalc.visibility.directions import map_texel
+from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion, estimate
+from aoprecalc.visibility.rays import RayTester, embreex_problem
+from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
+
+_COARSE = 4.0  # map texels over surface texels: a map adds about 0.005 (a stool among far larger things, measured)
+_MIN_COARSE = 0.01  # of the texels: where fewer lie on surfaces for which the maps are coarse, no error is estimated
+_CHECKED = 512  # texels for which rays are traced, as many as for texels with an error of 0.01 tell 0.009 from 0.011
+_MAX_ERROR = 0.01  # that depth maps may add without a warning
+
+
+@dataclass(frozen=True)
+class MapError:
+    """How coarse depth maps are for a texture.
+
+    ratio   of a map texel's width to that of a texel of the texture, on the surfaces for which the maps are coarse
+    error   RMS difference of the texels to rays along the same directions; None where rays cannot be traced
+    """
+
+    ratio: float
+    error: float | None
+
+    def warning(self, shadow_size: int) -> str | None:
+        """Return a warning where the error is more than 0.01, or not known."""
+        if self.error is not None and self.error <= _MAX_ERROR:
+            return None
+        added = "an error of unknown size" if self.error is None else f"an estimated error of {self.error:.3f}"
+        return (
+            f"the depth maps add {added}: their texels are {self.ratio:.0f} times as wide as the texture's on the "
+            f"surface; use --backend ray, a --shadow-size larger than {shadow_size}, or --only for small parts"
+        )
+
+
+def map_error(setup: BakeSetup, sides: list[TexelOcclusion], shadow_size: int) -> MapError | None:
+    """Estimate the error that depth maps of `shadow_size` add; None where their texels are fine enough.
+
+    sides   of the setup, in their order
+    For a sample of the texels rays are traced from the points that the maps were compared at, along the same axes.
+    """
+    ratios, squares = [1.0], 0.0
+    for side, found in zip(setup.sides, sides, strict=True):
+        ratio = _coarseness(setup, side, shadow_size)
+        if ratio is not None and len(found.texels):
+            ratios.append(ratio)
+            squares += len(found.texels) * (_squared_error(setup, side, found) if embreex_problem() is None else 0.0)
+    if len(ratios) == 1:
+        return None
+    error = (squares / sum(len(found.texels) for found in sides)) ** 0.5 if embreex_problem() is None else None
+    return MapError(max(ratios), error)
+
+
+def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float | None:
+    """Return the ratio of map texels to texels, see MapError, of one side; None where the maps are fine enough."""
+    scene, atlas = side.scene, setup.inputs.atlas
+    areas = area_per_texel(scene, atlas, side.texels) * bounding_sphere(scene.positions)[1] ** 2
+    weights = doubled_uv_areas(atlas.uvs) * (atlas.mapped & scene.receives)
+    widths = np.sqrt(np.maximum(areas, 1e-300))
+
+    def coarse_weights(map_width: float) -> Float64Array | None:
+        coarse: Float64Array = weights * (map_width > _COARSE * widths)
+        return coarse if coarse.sum() > _MIN_COARSE * weights.sum() else None
+
+    at_most = 2 * bounding_sphere(positions_of(scene, scene.receives))[1] / shadow_size
+    if coarse_weights(at_most) is None:  # as a rule
+        return None
+    map_width = map_texel(scene, shadow_size)
+    coarse = coarse_weights(map_width)
+    return None if coarse is None else float((coarse * map_width / widths).sum() / coarse.sum())
+
+
+def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -> float:
+    """Return the mean squared difference of a side's texels to rays."""
+    options, index = setup.inputs.options, found.texels.index
+    chosen = np.sort(np.random.default_rng(0).choice(len(index), min(_CHECKED, len(index)), replace=False))
+    checked = replace(side, texels=Texels(found.texels.width, found.texels.height, index[chosen]))
+    tester, instances = RayTester(side.surface, options.threads), SharedInstances.from_scene(setup.inputs.scene)
+    sums, used = np.zeros((len(chosen), 2), np.float32), 0
+    for number, group in enumerate(setup.groups):
+        samples = setup.samples(checked, slice(0, len(chosen)), number)
+        sums += instances.accumulate(tester, samples, setup.axes[group], number, Progress())
+        used += 2 * (group.stop - group.start)
+        if used >= found.directions:
+            break
+    values, measured = estimate(sums, used, options.estimator)
+    both = measured & found.measured[chosen]
+    difference = np.clip(values, 0.0, 1.0)[both] - found.values[chosen][both]
+    return float(np.mean(difference**2)) if both.any() else 0.0
