@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.masked_triangles import cut_triangles
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
-from aoprecalc.mesh.topology import edge_ids
+from aoprecalc.mesh.topology import adjacent_half_edges, joined_faces
 from aoprecalc.options import Normals
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 _SMOOTH_ANGLE = 180.0  # degrees: no edge is hard
 _STL_ANGLE = 40.0  # STL stores no smooth normals: sharper edges were probably meant to be hard
+_FOLDED = 175.0  # degrees
 # Twice the area of a face over its longest edge squared, below which doubles cannot tell its direction.
 _MIN_FLATNESS = 1e-12
 _FAR = 8  # extents of a mesh between it and the origin, beyond which positions are stored about an origin of their own
@@ -116,18 +117,35 @@ def geometric_normals(scene: Scene, shading: Float32Array) -> Float32Array:
     return np.where(opposed[:, None], -normals, normals).astype(np.float32)
 
 
+def share_at_bends(scene: Scene, angle: float) -> float:
+    """Return the share of the receiving surface, in [0, 1], whose faces have an edge that bends more than `angle`.
+
+    angle   in degrees; edges at which the surface turns back on itself are not counted: the sides of a thin sheet
+    """
+    areas = area_vectors(scene.corners)
+    first, second, cosine = _bends(scene.faces, _unit(areas, empty=_ZERO))
+    bent = (cosine < np.cos(np.radians(angle))) & (cosine > np.cos(np.radians(_FOLDED)))
+    at_bend = np.zeros(len(scene.faces), bool)
+    at_bend[first[bent] // 3] = at_bend[second[bent] // 3] = True
+    sizes = np.linalg.norm(areas, axis=1) * scene.receives
+    return float(sizes[at_bend].sum() / max(sizes.sum(), np.finfo(float).tiny))
+
+
+def _bends(faces: Int32Array, normals: Float64Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
+    """Return pairs of half edges, (p,) each, as `adjacent_half_edges` does, and the cosines of the angles they bend.
+
+    normals   (f, 3), of unit length; zero for faces without area: these have no direction to bend from, the cosine is 1
+    """
+    first, second = adjacent_half_edges(faces)
+    cosine = np.einsum("ex,ex->e", normals[first // 3], normals[second // 3])
+    no_area: BoolArray = np.linalg.norm(normals, axis=1) == 0
+    return first, second, np.where(no_area[first // 3] | no_area[second // 3], 1.0, cosine)
+
+
 def _smooth_groups(faces: Int32Array, normals: Float64Array, angle: float) -> Int32Array:
     """Label corners, (f, 3): equal where faces around a position are joined by edges that bend at most `angle`."""
-    ids = edge_ids(faces).ravel()
-    order = np.argsort(ids, kind="stable")
-    first, second = order[:-1], order[1:]
-    # Consecutive pairs are enough to connect all faces of an edge that more than two share.
-    shared = ids[first] == ids[second]
-    first, second = first[shared], second[shared]
-    cosine = np.einsum("ex,ex->e", normals[first // 3], normals[second // 3])
-    # A face without area has no direction to bend from: its neighbours are joined through it.
-    no_area: BoolArray = np.linalg.norm(normals, axis=1) == 0
-    gentle = (cosine >= np.cos(np.radians(angle)) - 1e-9) | no_area[first // 3] | no_area[second // 3]
+    first, second, cosine = _bends(faces, normals)  # a face without area joins its neighbours
+    gentle = cosine >= np.cos(np.radians(angle)) - 1e-9
     first, second = first[gentle], second[gentle]
     joined_from, joined_to = [], []
     for end in (0, 1):
@@ -137,13 +155,7 @@ def _smooth_groups(faces: Int32Array, normals: Float64Array, angle: float) -> In
             same = faces.ravel()[corner] == faces.ravel()[other]
             joined_from.append(corner[same])
             joined_to.append(other[same])
-    rows, columns = np.concatenate(joined_from), np.concatenate(joined_to)
-    from scipy.sparse import coo_array  # in functions: its import takes as long as a small preview
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(faces.size, faces.size))
-    labels: Int32Array = connected_components(graph, directed=False)[1].astype(np.int32)
-    return labels.reshape(faces.shape)
+    return joined_faces(faces.size, np.concatenate(joined_from), np.concatenate(joined_to)).reshape(faces.shape)
 
 
 def _unit(vectors: Float64Array, empty: tuple[float, float, float] = _Z_AXIS) -> Float64Array:
