@@ -1,24 +1,36 @@
 """What a bake tells the user: warnings of what may need an action, notes of the rest."""
 
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
 import numpy as np
 
 from aoprecalc.errors import counted, one_or_many
-from aoprecalc.mesh.surface import area_vectors, geometric_normals
+from aoprecalc.mesh.roles import surrounding_part
+from aoprecalc.mesh.surface import area_vectors, default_crease_angle, geometric_normals, share_at_bends
 from aoprecalc.mesh.topology import topology
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Note
-from aoprecalc.types import Atlas, Baked, Scene
+from aoprecalc.raster.layout import doubled_uv_areas
+from aoprecalc.texture_lookup import bilinear
+from aoprecalc.types import Atlas, Baked, Float64Array, Part, Scene
 from aoprecalc.uv.pack import first_unsafe_mip
-from aoprecalc.uv.unwrap import warnings_on_uvs
+from aoprecalc.uv.unwrap import MAX_OVERLAP, needs_uvs, surface_share
 
 _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark
 _MIN_INWARDS = 0.02  # of the texels: a warning where as many are dark and face inwards
 _MIN_CAUSE = 0.0005  # of the texels: rarer causes are not told; 0.1% when rounded
 _MANY = 0.5  # of the texels: a warning where as many are enclosed, or face the ground
 _MAX_NAMES = 5  # of parts in one message
+_BEND, _MIN_BENT = 40.0, 0.1  # degrees; share of the surface along edges that bend more: they may be meant to be hard
+_FEW_TEXELS = 64  # 8 x 8
+_ONE_VALUE = 0.1  # by which the AO of a part may differ and still count as one value
+
+_Value = TypeVar("_Value")
 
 
 def describe_uvs(atlas: Atlas, padding: int) -> str:
+    """Return a line about the UVs of a bake: whose they are, their charts, and what lies between these."""
     charts = counted(atlas.charts, "chart")
     if atlas.method == "keep":
         return f"unwrap: the file's own UVs, {charts}"
@@ -37,18 +49,21 @@ def has_narrow_gutters(atlas: Atlas, padding: int) -> bool:
 def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
     """Return warnings and notes; `overlap` is the share of texels whose centre lies inside two faces."""
     scene, atlas = baked.scene, baked.atlas
-    lines: list[str] = [*_notes_on_materials(scene), *_notes_on_names(scene)]
+    lines: list[str] = [*_notes_on_materials(scene), *_notes_on_names(scene), *_notes_on_normals(scene, options)]
     if baked.directions - 1 == options.directions:
         lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
     lines += _warn_of_error(baked, options)
-    lines += warnings_on_uvs(scene, atlas, overlap)
+    lines += _warnings_on_uvs(scene, atlas, overlap)
+    texels = doubled_uv_areas(atlas.uvs) / 2 * atlas.mapped * baked.texture.values.size
+    surroundings = None if atlas.method == "keep" else surrounding_part(scene, texels)
+    lines += _warnings_on_few_texels(baked, texels, surroundings)
     if has_narrow_gutters(atlas, options.padding):
         gutters = counted(atlas.gutter or 0, "texel")
         lines.append(
             f"{counted(atlas.charts, 'chart')}, and room for gutters of {gutters} only: charts may mix "
             "from mip level 1 on. Use a larger --size for wider gutters."
         )
-    return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options)]
+    return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options, surroundings)]
 
 
 def _notes_on_materials(scene: Scene) -> list[Note]:
@@ -76,14 +91,44 @@ def _notes_on_names(scene: Scene) -> list[Note]:
     return lines
 
 
+def _notes_on_normals(scene: Scene, options: BakeOptions) -> list[Note]:
+    """Note that normals were computed smooth where edges were perhaps meant to be hard."""
+    if scene.normals is not None or options.normals != "auto" or options.crease_angle is not None:
+        return []
+    if default_crease_angle(scene) <= _BEND or (share := share_at_bends(scene, _BEND)) < _MIN_BENT:
+        return []
+    return [
+        Note(
+            f"the mesh has no normals: smooth ones were computed, also over edges that bend more than {_BEND:g} "
+            f"degrees, along which {share:.0%} of the surface lies; if these are hard, use --crease-angle {_BEND:g}"
+        )
+    ]
+
+
 def _list(parts: list[str]) -> str:
-    names = _shorten([repr(name) for name in parts])
+    names = _shorten(named for named, _ in _by_name((part, None) for part in parts))
     return f"{counted(len(parts), 'part')} ({names}) {one_or_many(len(parts), 'is', 'are')}"
 
 
-def _shorten(names: list[str]) -> str:
+def _by_name(parts: Iterable[tuple[str, _Value]]) -> Iterator[tuple[str, list[_Value]]]:
+    """Yield each name of some parts, quoted, with how many parts share it, and their values."""
+    values: dict[str, list[_Value]] = {}
+    for name, value in parts:
+        values.setdefault(name, []).append(value)
+    for name, found in values.items():
+        yield (repr(name) if len(found) == 1 else f"{name!r}, {len(found)} times"), found
+
+
+def _shorten(names: Iterable[str]) -> str:
+    names = list(names)
     more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
     return ", ".join(names[:_MAX_NAMES]) + more
+
+
+def _percentages(parts: Iterable[tuple[str, float]]) -> str:
+    """Return names of parts with their shares, in brackets; of parts of one name the mean. Empty for no parts."""
+    found = _shorten(f"{named}: {np.mean(shares):.0%}" for named, shares in _by_name(parts))
+    return f" ({found})" if found else ""
 
 
 def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
@@ -96,6 +141,55 @@ def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
         f"the estimated sampling error is {error:.4f} after {baked.directions} directions, more than the target of "
         f"{target:g}; use more --directions"
     ]
+
+
+def _warnings_on_uvs(scene: Scene, atlas: Atlas, overlap: float) -> list[str]:
+    """Return warnings of what has no texels, or not its own."""
+    lines, kept = [], atlas.method == "keep"
+    lost = needs_uvs(scene) & ~atlas.mapped
+    if count := int(np.count_nonzero(lost)):
+        share = f"{count} of {counted(len(lost), 'face')} ({surface_share(scene, lost):.2g} of the surface)"
+        why = one_or_many(count, "has no area", "have no area") + " in the file's UVs" if kept else "got no UVs"
+        lines.append(f"{share} {why}, so no texels{'; --unwrap xatlas makes new UVs' if kept else ''}")
+    if overlap > (0.0 if kept else MAX_OVERLAP):
+        least = "less than 0.1%" if overlap < MAX_OVERLAP else f"{overlap:.1%}"
+        whose = "they have the value of the face that comes first in the file; --unwrap xatlas makes new UVs"
+        own = "they have the value of one of them"
+        lines.append(f"{least} of the texels lie inside two faces: {whose if kept else own}")
+    return lines
+
+
+def _warnings_on_few_texels(baked: Baked, texels: Float64Array, surroundings: Part | None) -> list[str]:
+    """Warn of a part that takes most of the texture, and of others that have too few texels to show their AO.
+
+    texels         (f,) the area of each face in the texture
+    surroundings   the part that takes most of it as it is far larger than the rest
+    """
+    few = list(_parts_with_few_texels(baked, texels))
+    names = _shorten(f"{named}: {max(found):.0f}" for named, found in _by_name(few))
+    too_few = f"fewer than {_FEW_TEXELS} texels ({names}), too few to show {one_or_many(len(few), 'its', 'their')} AO"
+    if surroundings is not None:
+        taken = texels[surroundings.faces].sum() / texels.sum()
+        far = f"{surroundings.name!r}: {taken:.0%} of the texture, as it is far larger than the rest"
+        left = f", and leaves {counted(len(few), 'part')} {too_few}" if few else ""
+        needs = "if it needs none, --exclude it, or use --occluders-only if it shall still keep out light"
+        return [f"{far}{left}; {needs}"]
+    if not few:
+        return []
+    have = f"{counted(len(few), 'part')} {one_or_many(len(few), 'has', 'have')} {too_few}"
+    return [f"{have}; use a larger --size, or bake {one_or_many(len(few), 'it', 'them')} alone with --only"]
+
+
+def _parts_with_few_texels(baked: Baked, texels: Float64Array) -> Iterator[tuple[str, float]]:
+    """Yield the names and texels of parts with few of them, and different values at them: one value needs no more."""
+    atlas = baked.atlas
+    inside = (atlas.uvs + atlas.uvs.mean(axis=1, keepdims=True)) / 2
+    for part in baked.scene.parts:
+        mapped, own = atlas.mapped[part.faces], float(texels[part.faces].sum())
+        if mapped.any() and own < _FEW_TEXELS:
+            places = inside[part.faces][mapped].reshape(-1, 2)
+            if np.ptp(bilinear(baked.texture.values, places, repeats=atlas.repeats)) > _ONE_VALUE:
+                yield part.name, own
 
 
 def _notes_on_ground(baked: Baked) -> list[Note]:
@@ -121,24 +215,27 @@ def ground_alone(baked: Baked) -> float | None:
         return None
     upward = geometric_normals(scene, baked.normals) @ np.asarray(scene.ground_normal)
     upward = np.where(scene.two_sided, np.abs(upward), upward)
-    sides = atlas.uvs[:, 1:] - atlas.uvs[:, :1]
-    areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) * atlas.mapped
+    areas = doubled_uv_areas(atlas.uvs) * atlas.mapped
     return float((areas * (1 + upward) / 2).sum() / max(areas.sum(), 1e-30))
 
 
-def _messages_on_dark_texels(baked: Baked, options: BakeOptions) -> list[str]:
+def _messages_on_dark_texels(baked: Baked, options: BakeOptions, surroundings: Part | None) -> list[str]:
+    """Return what keeps texels dark; `surroundings` are told already, with what to do."""
     dark, parts = baked.dark, baked.dark.parts
-    if not options.two_sided and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
+    named = surroundings is not None and any(part.name == surroundings.name for part in parts)
+    inwards = dark.inwards >= _MIN_INWARDS and not named and not options.two_sided
+    encloses = dark.inside >= _MIN_DARK
+    if inwards and not encloses and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
         return [
             "the mesh is closed and its faces point inwards: its inside was baked; flip the faces, or use --two-sided"
         ]
     if dark.share < _MIN_DARK:
         return []
-    inwards = _shorten([f"{part.name!r}: {part.inwards:.0%}" for part in parts if part.inwards >= part.inside])
-    enclosed = _shorten([f"{part.name!r}: {part.inside:.0%}" for part in parts if part.inside > part.inwards])
+    facing_inwards = _percentages((part.name, part.inwards) for part in parts if part.inwards >= part.inside)
+    enclosed = _percentages((part.name, part.inside) for part in parts if part.inside > part.inwards)
     causes = [
-        (dark.inside, "enclosed, as inside another part or touching one" + (f" ({enclosed})" if enclosed else "")),
-        (dark.inwards, "facing inwards" + (f" ({inwards})" if inwards else "")),
+        (dark.inside, f"enclosed, as inside another part or touching one{enclosed}"),
+        (dark.inwards, f"facing inwards{facing_inwards}"),
         (dark.on_ground, "resting on the ground"),
         (dark.above_ground, "facing the ground"),
         (dark.narrow, "in narrow gaps"),
@@ -146,16 +243,13 @@ def _messages_on_dark_texels(baked: Baked, options: BakeOptions) -> list[str]:
     found = [(share, cause) for share, cause in causes if share >= _MIN_CAUSE]
     told = ", ".join(f"{share:.1%} {cause}" if len(found) > 1 else cause for share, cause in found)
     lines: list[str] = [Note(f"{dark.share:.1%} of texels are dark (AO below 0.01){f': {told}' if told else ''}")]
-    if dark.inwards >= _MIN_INWARDS and not options.two_sided:
-        lines.append(
-            f"{dark.inwards:.1%} of texels face inwards: the front of their faces is enclosed, only the back sees out"
-            f"{f' ({inwards})' if inwards else ''}; flip these faces, or use --two-sided"
-        )
-    if dark.inside >= _MANY:
-        lines.append(
-            f"{dark.inside:.1%} of texels are enclosed: if a part surrounds the others, such as a sky or a room, leave "
-            "it out with --exclude"
-        )
+    leave_out = "if a part surrounds the others, such as a sky or a room, leave it out with --exclude"
+    if inwards:
+        what = "face inwards: the front of their faces is enclosed, only the back sees out"
+        advice = f"{leave_out}; else flip these faces" if encloses else "flip these faces"
+        lines.append(f"{dark.inwards:.1%} of texels {what}{facing_inwards}; {advice}, or use --two-sided")
+    elif dark.inside >= _MANY and surroundings is None:
+        lines.append(f"{dark.inside:.1%} of texels are enclosed: {leave_out}")
     if dark.on_ground + dark.above_ground >= _MANY and options.up == "auto" and baked.scene.up is None:
         lines.append(
             f"{dark.on_ground + dark.above_ground:.1%} of texels face the ground: if another axis points up, name it "

@@ -18,7 +18,6 @@ from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError, counted, one_or_many, option_name
 from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, source_files, texture_values
 from aoprecalc.io.formats.base import output_uvs
-from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, every_occlusion, mesh_beside
 from aoprecalc.mesh.roles import assign_roles, finest_level, names_a_part, up_axis
 from aoprecalc.mesh.surface import face_normals, shading_normals
@@ -34,7 +33,6 @@ from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Float64Array,
 # A given texture is refused beyond this share of random differences across seams. Measured: 0.07 to 0.65 with the right
 # textures, 0.75 to 1.2 with those of other meshes; with few seams, or hardly any contrast, nothing can be told.
 _MAX_SEAM_RATIO, _MIN_SEAMS, _MIN_CONTRAST = 0.85, 100, 0.05
-_GREY = 0.01  # mean difference of the channels of a picture up to which it may be ambient occlusion
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,17 +288,11 @@ def _own_or_given(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -
     if mesh.ao is None and not mesh._scene.format:
         raise NoOcclusionError(f"{mesh.name}: has no ambient occlusion; bake it")
     picture = find_texture(mesh, None, VerifyOptions())
-    if picture.others:
-        return _joined([each for each in every_occlusion(mesh._scene) if _may_be_occlusion(mesh, each)], picture)
-    if not _may_be_occlusion(mesh, picture):
-        raise NoOcclusionError(f"{picture.name}: has colours, so it is no ambient occlusion; bake {mesh.name}")
-    return picture
+    return _joined(every_occlusion(mesh._scene), picture) if picture.others else picture
 
 
 def _joined(pictures: Sequence[OcclusionTexture], main: OcclusionTexture) -> OcclusionTexture:
     """Return the textures of several materials as one; `main` is that of most of them."""
-    if not pictures:
-        raise NoOcclusionError(f"{main.name}: has colours, so it is no ambient occlusion")
     different = list[Float32Array]()  # several materials may have the same in pictures of their own
     owners = np.full(len(main.uvs), -1)
     for picture in pictures:
@@ -317,12 +309,6 @@ def _joined(pictures: Sequence[OcclusionTexture], main: OcclusionTexture) -> Occ
     joined, uvs = join_textures(different, owners, np.nan_to_num(main.uvs))
     name = f"{main.name} and {counted(len(different) - 1, 'other')}"
     return replace(found, name=name, values=joined, uvs=np.where(np.isfinite(main.uvs), uvs, np.nan))
-
-
-def _may_be_occlusion(mesh: Mesh, picture: OcclusionTexture) -> bool:
-    """Tell whether a texture of the mesh's own is ambient occlusion: glTF and bakes say so, others may have colours."""
-    stated = mesh._scene.format in ("gltf", "glb", "vrm") or picture.options is not None
-    return stated or picture.path is None or _is_grey(picture.path)
 
 
 def _note_on_uv_set(surface: TexturedSurface, texture: object) -> tuple[Note, ...]:
@@ -360,11 +346,6 @@ def _seam_ratio(surface: TexturedSurface, values: Float32Array) -> float | None:
     if found is None or found.seams < _MIN_SEAMS or found.random < _MIN_CONTRAST:
         return None
     return found.across / found.random
-
-
-def _is_grey(picture: Path) -> bool:
-    pixels = read_pixels(picture)[:, :, :3]
-    return float(np.ptp(pixels, axis=2).mean()) <= _GREY
 
 
 def _without_texture(mesh: Mesh) -> MeshToDraw:

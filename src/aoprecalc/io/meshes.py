@@ -245,6 +245,9 @@ def _refers_to(mesh: Path, texture: Path) -> bool:
     return any(image and same_file(image.path, texture) for image in images)
 
 
+_GREY = 0.01  # mean difference of the channels of a picture up to which it may be ambient occlusion
+
+
 class NoOcclusionError(InputError):
     """A mesh has no occlusion texture, or no UVs for one."""
 
@@ -286,9 +289,9 @@ def find_occlusion(
     misfit    decides where materials have different textures: that of the least, the first of equals, is the result
 
     That is the occlusionTexture of glTF, map_Ka or map_Kd of an OBJ's materials, and the TextureFile of a PLY; without
-    any of them, `<stem>.png` beside the mesh. Where materials have different textures, the result is the one that fits
-    best, or that is the file `texture`, on its faces only. The UVs are those of the occlusionTexture, else the first
-    set.
+    any of them, `<stem>.png` beside the mesh. A picture with colours is none, unless glTF or USD says that it is. Where
+    materials have different textures, the result is the one that fits best, or that is the file `texture`, on its faces
+    only. The UVs are those of the occlusionTexture, else the first set.
     The options of the bake are those that the image itself carries, else those beside it in the mesh's file.
 
     Raises NoOcclusionError where there are no UVs or no texture is found, InputError where it cannot be read.
@@ -296,17 +299,27 @@ def find_occlusion(
     stated = _Stated.of(scene)
     if isinstance(texture, np.ndarray):
         return OcclusionTexture("texture", None, texture, stated.uvs, np.ones(len(stated.uvs), bool), ())
-    if texture is None and len(stated.images) > 1:
-        chosen = min(stated.images, key=lambda image: misfit(stated.shown_by(image), stated.options_of(image)[0]))
-    else:
-        chosen = _choose(scene.path, stated.images, texture)
-    return stated.read(chosen)
+    if texture is not None:
+        same = (image for image in stated.images if same_file(image.path, texture))
+        return stated.read(next(same, ImageSource(str(texture), texture)))
+    beside = scene.path.with_suffix(".png")
+    images = stated.images or ([ImageSource(str(beside), beside)] if beside.is_file() else [])
+    if not images:
+        advice = baked_copy(scene.path) or "pass one with --texture"
+        raise NoOcclusionError(
+            f"{scene.path}: refers to no occlusion texture, and there is no {beside.name} beside it; {advice}"
+        )
+    possible = [image for image in images if stated.may_be_occlusion(image)]
+    if not possible:
+        advice = baked_copy(scene.path) or f"bake {scene.path}, or pass its texture with --texture"
+        raise NoOcclusionError(f"{images[0].name}: has colours, so it is no ambient occlusion; {advice}")
+    return stated.read(min(possible, key=lambda image: misfit(stated.shown_by(image), stated.options_of(image)[0])))
 
 
 def every_occlusion(scene: Scene) -> tuple[OcclusionTexture, ...]:
     """Return each occlusion texture that a scene refers to, on its faces; raises as `find_occlusion` does."""
     stated = _Stated.of(scene)
-    return tuple(stated.read(image) for image in stated.images)
+    return tuple(stated.read(image) for image in stated.images if stated.may_be_occlusion(image))
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,6 +358,14 @@ class _Stated:
         extras = (part.extras for part in self.parts if part.image == image and part.extras is not None)
         return baked_options(image, next(extras, None))
 
+    def may_be_occlusion(self, image: ImageSource) -> bool:
+        """Tell whether an image is ambient occlusion, or may be: the file or its bake says so, or it has no colours."""
+        stated = any(part.stated for part in self.parts if part.image == image)
+        if stated or self.options_of(image)[0] is not None:
+            return True
+        colors = image.pixels()[:, :, :3]
+        return float(np.ptp(colors, axis=2).mean()) <= _GREY
+
     def read(self, image: ImageSource) -> OcclusionTexture:
         """Read an image; raises InputError where it cannot be used."""
         warnings = dict.fromkeys(part.note for part in self.parts if part.note and part.image == image)
@@ -368,21 +389,6 @@ def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptio
         return read_options(found), ()
     except ValueError as error:
         return None, (f"{image.name}: the options of its bake cannot be read ({error}); they are not used",)
-
-
-def _choose(mesh: Path, images: Sequence[ImageSource], texture: Path | None) -> ImageSource:
-    beside = mesh.with_suffix(".png")
-    if texture is None and not images and beside.is_file():
-        texture = beside
-    if texture is not None:
-        same = (image for image in images if same_file(image.path, texture))
-        return next(same, ImageSource(str(texture), texture))
-    if not images:
-        advice = baked_copy(mesh) or "pass one with --texture"
-        raise NoOcclusionError(
-            f"{mesh}: refers to no occlusion texture, and there is no {beside.name} beside it; {advice}"
-        )
-    return images[0]
 
 
 def baked_copy(mesh: Path) -> str:

@@ -11,7 +11,6 @@ from typing import Any, NoReturn, cast
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, one_or_many, option_name
-from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, face_normals
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
@@ -178,30 +177,6 @@ def surface_share(scene: Scene, faces: BoolArray) -> float:
     """Return the share of the surface that needs UVs which some of its faces, (f,) bool, are."""
     areas = np.linalg.norm(area_vectors(scene.corners), axis=1)
     return float(areas[faces].sum() / areas[needs_uvs(scene)].sum())
-
-
-def warnings_on_uvs(scene: Scene, atlas: Atlas, overlap: float) -> list[str]:
-    """Return warnings of what has no texels, or not its own, and of a part that takes most of them.
-
-    overlap   the share of the covered texels whose centre lies inside two faces
-    """
-    lines, kept = [], atlas.method == "keep"
-    lost = needs_uvs(scene) & ~atlas.mapped
-    if count := int(np.count_nonzero(lost)):
-        share = f"{count} of {counted(len(lost), 'face')} ({surface_share(scene, lost):.2g} of the surface)"
-        why = one_or_many(count, "has no area", "have no area") + " in the file's UVs" if kept else "got no UVs"
-        lines.append(f"{share} {why}, so no texels{'; --unwrap xatlas makes new UVs' if kept else ''}")
-    if overlap > (0.0 if kept else MAX_OVERLAP):
-        least = "less than 0.1%" if overlap < MAX_OVERLAP else f"{overlap:.1%}"
-        whose = "they have the value of the face that comes first in the file; --unwrap xatlas makes new UVs"
-        own = "they have the value of one of them"
-        lines.append(f"{least} of the texels lie inside two faces: {whose if kept else own}")
-    areas = doubled_uv_areas(atlas.uvs) * atlas.mapped
-    if not kept and (part := surrounding_part(scene, areas)) is not None:
-        taken = areas[part.faces].sum() / areas.sum()
-        far = f"{part.name!r}: {taken:.0%} of the texture, as it is far larger than the rest"
-        lines.append(f"{far}; if it needs none, --exclude it, or use --occluders-only if it shall still keep out light")
-    return lines
 
 
 def needs_uvs(scene: Scene) -> BoolArray:

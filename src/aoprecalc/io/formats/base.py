@@ -83,12 +83,14 @@ class PartOcclusion:
             the part has no UVs
     note    a warning for the user; empty if none
     extras  what the mesh's file says of the options of the bake, as JSON; None if nothing
+    stated  the file says that it is occlusion; else it may be a picture of colours
     """
 
     image: ImageSource | None
     uvs: Float64Array | None
     note: str = ""
     extras: object = None
+    stated: bool = True
 
 
 class MeshFormat(ABC):

@@ -347,7 +347,8 @@ class PlyFormat(MeshFormat):
         """Return the texture that was baked, else the last one of the PLY."""
         document = _document(scene)
         path = document.occlusion or next(reversed(document.textures), None)
-        return PartOcclusion(None if path is None else ImageSource(str(path), path), first_uvs(scene, part))
+        image = None if path is None else ImageSource(str(path), path)
+        return PartOcclusion(image, first_uvs(scene, part), stated=False)
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
         """Return the texture and the colours of the vertices, which count as sRGB."""
