@@ -17,7 +17,8 @@ from aoprecalc.api.compare import CompareReport
 from aoprecalc.api.doctor import DoctorReport
 from aoprecalc.api.preview import PreviewReport
 from aoprecalc.api.report import PageReport
-from aoprecalc.api.reports import OMIT_NONE, BakeReport, Document, Report, SphereQuality
+from aoprecalc.api.reports import OMIT_NONE, BakeReport, Document, Report
+from aoprecalc.api.sphere_quality import SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BakeOptions, Method, Radius, SphereOptions

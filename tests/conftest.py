@@ -39,7 +39,7 @@ def unwrap_each_mesh_once():
     unwrap = unwrapping.unwrap
 
     def remembered(scene, *settings, **more):
-        more_settings = [value for value in more.values() if not callable(value)]
+        more_settings = [value for name, value in more.items() if name != "cuts" and not callable(value)]
         arrays = scene.positions, scene.faces, scene.receives
         owners = [part.uv_owner for part in scene.parts]
         key = (*(array.tobytes() for array in arrays), *owners, *settings, *more_settings)

@@ -72,7 +72,8 @@ if TYPE_CHECKING:
     from aoprecalc.api.mesh import Mesh, load
     from aoprecalc.api.preview import PreviewReport, PreviewResult, preview
     from aoprecalc.api.report import PageReport, write_report
-    from aoprecalc.api.reports import BakeReport, SphereQuality
+    from aoprecalc.api.reports import BakeReport
+    from aoprecalc.api.sphere_quality import SphereQuality
     from aoprecalc.api.spheres import SphereResult, fit_spheres, load_spheres, measure_spheres
     from aoprecalc.api.verify import VerifyReport, verify
     from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, RendererError, UsageError
@@ -98,7 +99,8 @@ else:
         "api.mesh": ("Mesh", "load"),
         "api.preview": ("PreviewReport", "PreviewResult", "preview"),
         "api.report": ("PageReport", "write_report"),
-        "api.reports": ("BakeReport", "SphereQuality"),
+        "api.reports": ("BakeReport",),
+        "api.sphere_quality": ("SphereQuality",),
         "api.spheres": ("SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
         "api.verify": ("VerifyReport", "verify"),
         "errors": ("AoprecalcError", "ArgumentError", "InputError", "OutputError", "RendererError", "UsageError"),

@@ -254,6 +254,24 @@ class _Limits:
             raise ChildTimeoutError(self._timeout, step)
 
 
+class Watch:
+    """For work in this process: shows its steps and keeps its deadline, as `ask` does for a child."""
+
+    def __init__(self, on_step: StepCallback | None, timeout: float | None) -> None:
+        """Start the clock; see `ask`."""
+        self._on_step, self._limits = on_step, _Limits(timeout, None)
+        self._next = 0.0
+
+    def __call__(self, step: str) -> None:
+        """Show the step that the work is at, every POLL_SECONDS; raises ChildTimeoutError after the deadline."""
+        if (now := time.monotonic()) < self._next:
+            return
+        self._next = now + POLL_SECONDS
+        if self._on_step is not None:
+            self._on_step(step)
+        self._limits.check(step)
+
+
 def _parse_log(log: bytes) -> tuple[str, str]:
     """Return the last step and the last other line of what a child has written to standard error."""
     step, other = FIRST_STEP, ""

@@ -10,6 +10,7 @@ from aoprecalc.gl.context import open_renderer
 from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
+from aoprecalc.uv.fill import PageSpec
 from aoprecalc.uv.unwrap import unwrap
 from aoprecalc.visibility.backend import GLBackend
 from aoprecalc.visibility.gather import LocalVisibility, gather
@@ -45,7 +46,7 @@ SHAPES = {
 def atlas_of(shape):
     """The shape and how a texture lies on it."""
     made = scene(*SHAPES[shape]())
-    atlas = unwrap(made, "xatlas", SIZE, 2)
+    atlas = unwrap(made, "xatlas", PageSpec(SIZE, 2))
     return made, atlas
 
 

@@ -11,6 +11,7 @@ from aoprecalc.raster import layout as raster_layout
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.types import Atlas, Texels
+from aoprecalc.uv.fill import PageSpec
 from aoprecalc.uv.unwrap import unwrap
 from shapes import quad, quad_uvs, scene, torus
 
@@ -36,7 +37,7 @@ def scattered(seed):
 
 def mesh():
     made = scene(*torus())
-    return build_layout(made, unwrap(made, "xatlas", 256, 4), 256, 256)
+    return build_layout(made, unwrap(made, "xatlas", PageSpec(256, 4)), 256, 256)
 
 
 def wrapped_quad():

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from aoprecalc.api.reports import MEASURES, SphereQuality
+from aoprecalc.api.sphere_quality import MEASURES, SphereQuality
 from pipeline.helpers import write_ring
 
 

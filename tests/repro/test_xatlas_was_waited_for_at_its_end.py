@@ -2,6 +2,7 @@
 
 import sys
 
+from aoprecalc.uv.fill import PageSpec
 from aoprecalc.uv.unwrap import _CHILDREN, unwrap
 from shapes import box, scene
 
@@ -19,6 +20,6 @@ main("xatlas")"""
 
 def test_no_destructor_is_waited_for(monkeypatch):
     made = scene(*box())
-    expected = unwrap(made, "xatlas", 64, 2).uvs
+    expected = unwrap(made, "xatlas", PageSpec(64, 2)).uvs
     monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", STUCK])
-    assert (unwrap(made, "xatlas", 64, 2, timeout=60).uvs == expected).all()
+    assert (unwrap(made, "xatlas", PageSpec(64, 2), timeout=60).uvs == expected).all()

@@ -13,6 +13,7 @@ from aoprecalc.raster.layout import build_layout, doubled_uv_areas
 from aoprecalc.uv import charts as cutting
 from aoprecalc.uv import unwrap as unwrapping
 from aoprecalc.uv.charts import Charts, cut_again, make_charts, out_of_scale, sum_over_charts
+from aoprecalc.uv.fill import PageSpec
 from aoprecalc.uv.unwrap import cut_and_pack, unwrap
 from shapes import ball, box, cap, city, clutter, join, quad, rotation, scene, scene_of_parts, torus
 
@@ -30,7 +31,7 @@ def lengths(corners):
 
 def sound_atlas(made, method, size):
     """The atlas of a scene, after a check that every face with area has its share of texels of its own."""
-    atlas = unwrap(made, method, size, 4)
+    atlas = unwrap(made, method, PageSpec(size, 4))
     assert atlas.mapped.all()
     assert CPURasterizer(build_layout(made, atlas, size, size)).overlap() == 0
     shares = [areas / areas.sum() for areas in (doubled_uv_areas(atlas.uvs), areas_of(made.positions, made.faces))]

@@ -150,7 +150,7 @@ def test_a_density_is_exact(size):
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(NoRoomError, match="did not fit 256 x 256 texels with gutters of 2; use a larger --size"):
+    with pytest.raises(NoRoomError, match="1 chart with gutters of 2 texels do not fit 256 x 256 texels"):
         pack_charts(rectangle(1, 1), SIZE, 8, density=300)
     many = [rectangle(1, 1, number) for number in range(2000)]
     with pytest.raises(NoRoomError):  # not even at one texel each

@@ -15,6 +15,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, corner_ids
+from aoprecalc.uv.fill import PageSpec
 from aoprecalc.uv.pack import NoRoomError
 from aoprecalc.uv.unwrap import _CHILDREN, choose_atlas, unwrap
 from shapes import ball, box, join, quad, quad_uvs, scene, torus
@@ -33,7 +34,7 @@ def charts_of(made, atlas):
 def test_an_unwrap_is_a_faithful_map(method, scale):
     positions, faces = join(torus(around=24, across=12), (box()[0] * 0.4 + 3, box()[1]))
     made = scene(positions * scale, faces)
-    atlas = unwrap(made, method, SIZE, 4)
+    atlas = unwrap(made, method, PageSpec(SIZE, 4))
     assert atlas.mapped.all()
     assert atlas.uvs.min() >= 0
     assert atlas.uvs.max() <= 1
@@ -53,7 +54,7 @@ def test_an_unwrap_is_a_faithful_map(method, scale):
 @pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
 def test_charts_keep_the_gutter_between_them_and_half_of_it_at_the_sides(method):
     made = scene(*box())
-    atlas = unwrap(made, method, SIZE, 4)
+    atlas = unwrap(made, method, PageSpec(SIZE, 4))
     charts = charts_of(made, atlas)
     texels = [np.column_stack(np.divmod(_covered(made, atlas, charts == chart), SIZE)) for chart in range(atlas.charts)]
     assert min(t.min() for t in texels) >= atlas.gutter // 2
@@ -70,21 +71,21 @@ def _covered(made, atlas, faces):
 def test_faces_without_area_have_no_place():
     positions, faces = ball(1)
     made = scene(positions, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]]))
-    atlas = unwrap(made, "xatlas", SIZE, 4)
+    atlas = unwrap(made, "xatlas", PageSpec(SIZE, 4))
     assert atlas.mapped.tolist() == [True] * len(faces) + [False] * 2
     with pytest.raises(InputError, match="none of 1 face has area"):
-        unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", SIZE, 4)
+        unwrap(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]]), "xatlas", PageSpec(SIZE, 4))
 
 
 def test_steps_are_heard_from_xatlas():
     heard = []
-    unwrap(scene(*torus(around=100, across=60)), "xatlas", SIZE, 4, on_step=heard.append)
+    unwrap(scene(*torus(around=100, across=60)), "xatlas", PageSpec(SIZE, 4), on_step=heard.append)
     assert [step for step in dict.fromkeys(heard) if step != "starting"] == ["charts", "packing"]
 
 
 def test_steps_are_heard_from_uvunwrap():
     heard = []
-    unwrap(scene(*torus(around=400, across=200)), "uvunwrap", SIZE, 4, on_step=heard.append)
+    unwrap(scene(*torus(around=400, across=200)), "uvunwrap", PageSpec(SIZE, 4), on_step=heard.append)
     stages = {"segmenting", "parameterizing", "packing", "output"}
     steps = [step for step in heard if step not in ("starting", "packing")]
     assert steps
@@ -104,7 +105,7 @@ def test_xatlas_is_given_up_when_its_time_is_over(monkeypatch):
     )
     started = time.monotonic()
     with pytest.raises(AoprecalcError, match=expected):
-        unwrap(scene(*box()), "xatlas", SIZE, 4, timeout=1.5)
+        unwrap(scene(*box()), "xatlas", PageSpec(SIZE, 4), timeout=1.5)
     assert 1.5 < time.monotonic() - started < 60
 
 
@@ -112,19 +113,21 @@ def test_uvunwrap_is_given_up_when_its_time_is_over():
     with pytest.raises(
         AoprecalcError, match=r"uvunwrap has not unwrapped 320000 faces within 0.01 s .* allow more time"
     ):
-        unwrap(scene(*torus(around=800, across=200)), "uvunwrap", SIZE, 4, timeout=0.01)
+        unwrap(scene(*torus(around=800, across=200)), "uvunwrap", PageSpec(SIZE, 4), timeout=0.01)
 
 
 @pytest.mark.parametrize("method", ["xatlas", "uvunwrap"])
 def test_an_unwrap_in_time_is_the_same_as_one_without_a_limit(method):
     made = scene(*box())
-    assert np.array_equal(unwrap(made, method, SIZE, 4, timeout=600).uvs, unwrap(made, method, SIZE, 4).uvs)
+    assert np.array_equal(
+        unwrap(made, method, PageSpec(SIZE, 4), timeout=600).uvs, unwrap(made, method, PageSpec(SIZE, 4)).uvs
+    )
 
 
 def test_a_killed_xatlas_is_an_error_of_one_line(monkeypatch):
     monkeypatch.setitem(_CHILDREN, "xatlas", [sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"])
     with pytest.raises(AoprecalcError, match=r"xatlas could not unwrap 12 faces: signal 9 .*; or try unwrap uvunwrap"):
-        unwrap(scene(*box()), "xatlas", SIZE, 4)
+        unwrap(scene(*box()), "xatlas", PageSpec(SIZE, 4))
 
 
 def choose(made, unwrap, progress=None):
@@ -239,13 +242,13 @@ def test_a_texel_of_two_faces_has_the_value_of_the_first(backend):
 
 def test_a_page_without_room_for_texels_by_need_keeps_the_packing_that_fits(monkeypatch):
     made = scene(*box())
-    fits = unwrap(made, "xatlas", SIZE, 4)
+    fits = unwrap(made, "xatlas", PageSpec(SIZE, 4))
 
-    def no_room(*_):
+    def no_room(*_, **_more):
         raise NoRoomError("there is no room")
 
-    monkeypatch.setattr("aoprecalc.uv.unwrap.pack_charts", no_room)  # in this process alone, not in the child
-    kept = unwrap(made, "xatlas", SIZE, 4)
+    monkeypatch.setattr("aoprecalc.uv.fill.pack_charts", no_room)  # in this process alone, not in the child
+    kept = unwrap(made, "xatlas", PageSpec(SIZE, 4))
     assert kept.charts == fits.charts
     assert kept.mapped.all()
     assert kept.gutter >= 2

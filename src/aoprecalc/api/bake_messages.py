@@ -14,8 +14,8 @@ from aoprecalc.progress import Note
 from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Baked, Float64Array, Part, Scene
+from aoprecalc.uv.checks import MAX_OVERLAP, needs_uvs, surface_share
 from aoprecalc.uv.pack import first_unsafe_mip
-from aoprecalc.uv.unwrap import MAX_OVERLAP, needs_uvs, surface_share
 
 _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark
 _MIN_INWARDS = 0.02  # of the texels: a warning where as many are dark and face inwards

@@ -19,18 +19,21 @@ from aoprecalc.api.reports import (
     Unwrapping,
     UvSetCheck,
 )
-from aoprecalc.errors import InputError, UsageError, counted
+from aoprecalc.errors import ArgumentError, InputError, UsageError, counted
 from aoprecalc.mesh.roles import assign_roles, up_axis
 from aoprecalc.mesh.surface import default_crease_angle, shading_normals
 from aoprecalc.mesh.topology import topology
+from aoprecalc.metrics.difference import rounded
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
-from aoprecalc.types import Baked, DarkTexels, Part, Scene, UvCheck
+from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
+from aoprecalc.uv.checks import RasterizerFactory, TexelDensity, needs_uvs, surface_share
+from aoprecalc.uv.fill import LARGEST_PAGE, FirstLook, TooDenseError, next_power_of_two, rounded_down
 from aoprecalc.uv.pack import first_unsafe_mip
-from aoprecalc.uv.unwrap import choose_atlas, needs_uvs, surface_share
+from aoprecalc.uv.unwrap import choose_atlas
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels, first_look
 from aoprecalc.visibility.directions import auto_shadow_size
@@ -62,13 +65,14 @@ def bake_scene(
         backend.check_size(options)
         with timer.stage("unwrap"):
             look = partial(first_look, backend, scene, normals, options)
-            atlas = choose_atlas(backend.rasterizer, scene, options, progress, look)
+            atlas = _choose_atlas(backend.rasterizer, scene, options, progress, look)
         progress.note(describe_uvs(atlas, options.padding))
         setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
         texels = setup.texels
         size = f"{options.width} x {options.height}"
         if not len(texels):
-            raise InputError(f"{scene.path}: its surface covers none of {size} texels; use a larger --size")
+            advice = "use a larger --size" if options.texel_density is None else "use a greater --texel-density"
+            raise InputError(f"{scene.path}: its surface covers none of {size} texels; {advice}")
         overlap = setup.overlap()
         shadow_size = options.shadow_size or max(
             auto_shadow_size(side.scene, atlas, len(texels), options.directions) for side in setup.sides
@@ -119,6 +123,32 @@ def bake_scene(
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
 
 
+def _choose_atlas(
+    make_rasterizer: RasterizerFactory, scene: Scene, options: BakeOptions, progress: Progress, first_look: FirstLook
+) -> Atlas:
+    """Return the UVs for a texture of the size that `options` name; see `choose_atlas`.
+
+    Raises UsageError where the density of texels that is asked for is impossible, with what is possible.
+    """
+    try:
+        atlas = choose_atlas(make_rasterizer, scene, options, progress, first_look)
+    except TooDenseError as error:
+        raise error.advice() from error
+    if options.texel_density is not None and atlas.method == "keep":
+        raise _kept_density(scene, atlas, options, options.texel_density)
+    return atlas
+
+
+def _kept_density(scene: Scene, atlas: Atlas, options: BakeOptions, wanted: float) -> ArgumentError:
+    """Return the error that tells the density of the file's UVs, and the size at which it is what is asked for."""
+    size = max(options.width, options.height)
+    density = TexelDensity.of(scene, atlas, options.width, options.height).mean
+    found = f"is {wanted:g}, but the file's own UVs have {rounded_down(density)} at {options.width} x {options.height}"
+    needed = next_power_of_two(size * wanted / density) if wanted / density <= LARGEST_PAGE / size else None
+    without = f"use a {{size}} of {needed} without it" if needed else "omit it"
+    return ArgumentError("texel_density", f"{found}; {without}, or {{unwrap}} xatlas for new UVs", "unwrap", "size")
+
+
 def _value_options(scene: Scene, options: BakeOptions) -> ValueOptions:
     """Return the options that define the value, also for copies of the mesh in other formats.
 
@@ -161,6 +191,7 @@ def bake_report(
     values = texture.values[texture.valid]
     valid, alone = int(np.count_nonzero(texture.valid)), ground_alone(baked)
     lost = needs_uvs(scene) & ~atlas.mapped
+    density = TexelDensity.of(scene, atlas, options.width, options.height)
     return BakeReport(
         input=InputMesh(
             str(scene.path),
@@ -190,6 +221,8 @@ def bake_report(
             used_share=round(valid / texture.valid.size, 4),
             gutter=atlas.gutter,
             first_unsafe_mip=None if atlas.gutter is None else first_unsafe_mip(atlas.gutter, options.padding),
+            texel_density=rounded(density.mean),
+            least_density=rounded(density.least),
         ),
         texels=TexelCounts(options.width, options.height, valid),
         ao=OcclusionStatistics(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.mesh import Mesh
-from aoprecalc.api.reports import SphereQuality
+from aoprecalc.api.sphere_quality import SphereQuality
 from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.errors import ArgumentError, OutputError, counted
 from aoprecalc.io import Outputs

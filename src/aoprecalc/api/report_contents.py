@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from aoprecalc.api.report_assets import EXPECTED, AssetFiles
@@ -18,13 +17,12 @@ from aoprecalc.api.report_facts import (
     sphere_table,
     verified_levels,
 )
-from aoprecalc.api.reports import SphereQuality
+from aoprecalc.api.sphere_quality import SphereQuality, quality_in
 from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
 from aoprecalc.errors import AoprecalcError, InputError, RendererError, counted, option_name
 from aoprecalc.io import read_image
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import baked_copy
-from aoprecalc.io.outputs import read_json_object
 from aoprecalc.io.sphere_files import read_spheres
 from aoprecalc.options import PreviewOptions, Shading
 from aoprecalc.progress import Progress, notes_of, warnings_of
@@ -84,7 +82,7 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
             else:
                 ao = read_image(asset.texture)
         spheres = None if asset.spheres is None else read_spheres(asset.spheres)
-        quality = None if asset.spheres is None else _quality(asset.spheres)
+        quality = None if asset.spheres is None else quality_in(asset.spheres)
         heat_map = None if asset.heat_map is None else read_pixels(asset.heat_map)
     except AoprecalcError as error:
         if asset.given:
@@ -96,16 +94,6 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
             raise InputError(f"{asset.mesh}: has no ambient occlusion; {advice}")
         return None
     return ReadAsset(asset, mesh, ao, spheres, quality, heat_map, error=asset.damage)
-
-
-def _quality(path: Path) -> SphereQuality | None:
-    """Return the quality that a sphere file tells; None where it tells none."""
-    if path.suffix.lower() != ".json":
-        return None
-    try:
-        return msgspec.convert(read_json_object(path).get("quality"), SphereQuality)
-    except (msgspec.ValidationError, UnicodeError):
-        return None
 
 
 def asset_page(read: ReadAsset, budget: Budget, *, interactive: bool = False) -> AssetPage:

@@ -6,7 +6,8 @@ from typing import Any, cast
 
 from aoprecalc.api.compare import CompareReport, compare
 from aoprecalc.api.report_assets import AssetFiles
-from aoprecalc.api.reports import MEASURES, BakeReport, LevelErrors, PointError, SphereQuality
+from aoprecalc.api.reports import BakeReport, LevelErrors, PointError
+from aoprecalc.api.sphere_quality import MEASURES, SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.errors import AoprecalcError, ArgumentError, counted, option_name
 from aoprecalc.options import BakeOptions, Sampling, ValueOptions

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
-from aoprecalc.api.reports import SphereQuality
+from aoprecalc.api.sphere_quality import SphereQuality
 from aoprecalc.errors import ArgumentError, InputError, listed_counts
 from aoprecalc.io import Outputs, checked_spheres, load_scene, source_files
 from aoprecalc.io.outputs import claim_output, output_path

@@ -36,7 +36,7 @@ from aoprecalc.raster.layout import build_layout
 from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
-from aoprecalc.uv.unwrap import MAX_OVERLAP
+from aoprecalc.uv.checks import MAX_OVERLAP
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from aoprecalc.errors import UsageError, counted, listed_counts, one_or_many, op
 from aoprecalc.options import SphereOptions
 
 if TYPE_CHECKING:
-    from aoprecalc.api.reports import SphereQuality
+    from aoprecalc.api.sphere_quality import SphereQuality
     from aoprecalc.types import SphereSet
 
 
@@ -111,6 +111,6 @@ def _summary(quality: "SphereQuality") -> str:
 
 def _table(quality: dict[str, float]) -> list[str]:
     """Return a line for each measure: its name in reports, its value, what it is."""
-    from aoprecalc.api.reports import MEASURES
+    from aoprecalc.api.sphere_quality import MEASURES
 
     return [f"{name:20} {value:<11.6g}  {MEASURES[name]}" for name, value in quality.items()]

@@ -151,6 +151,12 @@ class BakeOptions(_TextureSize, ValueOptions):
     unwrap_timeout: Annotated[float | None, _mesh(
         "Stop xatlas or uvunwrap after this time; the bake then fails.", range=(0, 1_000_000), above_min=True,
         unit="seconds", metavar="SECONDS", default_text="no limit")] = None
+    texel_density: Annotated[float | None, _texture(
+        "Give every chart of new UVs this many texels per unit of the mesh.",
+        range=(0, 1_000_000_000), above_min=True, unit="texels per unit", metavar="X",
+        default_text="as many as the texture has room for, more where they are needed",
+        more="The shorter side of the texture counts. A size that has no room for it is refused. UVs that are kept "
+        "have a density of their own.")] = None
     padding: Annotated[int, _texture(
         "Texels by which charts are extended into the gutters around them.", range=(0, 256), unit="texels",
         more="Gutters are packed twice as wide where there is room.")] = 8

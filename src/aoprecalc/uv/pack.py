@@ -10,10 +10,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from aoprecalc.errors import counted
 from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
 from aoprecalc.uv.charts import Charts
-from aoprecalc.uv.page import IntArray, Page, reach_of_gutter
+from aoprecalc.uv.page import IntArray, Page, Tick, reach_of_gutter
 
 MIN_GUTTER = 2  # texels: with fewer, bilinear filtering would mix charts at full resolution
 MAX_SHARE = 0.12  # of the page for gutters
@@ -57,33 +58,40 @@ class NoRoomError(ValueError):
 
 
 def pack_charts(
-    charts: Charts, size: int, padding: int, density: float | None = None, *, quick: bool = False
+    charts: Charts,
+    size: int,
+    padding: int,
+    density: float | None = None,
+    *,
+    quick: bool = False,
+    tick: Tick | None = None,
 ) -> Packed:
     """Pack charts into exactly one page of size x size texels, all at one scale, turned at will.
 
     padding  texels around each chart that should stay free; see `choose_gutter` for charts without room for that
     density  texels per unit of length; None: about as many as the page has room for
     quick    take the first scale that fits
+    tick     is called often; may raise to stop
     Any two texels that two charts cover are more than the gutter apart, along a diagonal too.
     Raises NoRoomError where they do not fit.
     """
     chart = charts.chart[charts.placed]
     flat = _in_least_boxes(charts.uvs[charts.placed], chart)
     outlines = Outlines.of(flat, chart, size)
-    gutter = choose_gutter(outlines, size, padding)
+    gutter = choose_gutter(outlines, size, padding, density)
     while True:
         cell, border = -(-size // _MAX_CELLS), -(-gutter // 2)  # free at the sides of the page, as textures repeat
         cells = (size - 2 * border) // cell
-        packing = _Packing(flat, chart, cells, reach_of_gutter(gutter, cell), _INSET / cell)
+        packing = _Packing(flat, chart, cells, reach_of_gutter(gutter, cell), _INSET / cell, tick)
         if density is None:
             layout = packing.at_greatest_scale(outlines, gutter / cell, quick=quick)
         else:
-            layout = packing.at_scale(density / cell)
+            layout = packing.at_scale(density / cell) if packing.may_fit(density / cell) else None
         if layout is not None and layout.height <= cells:
             break
         if gutter == MIN_GUTTER:
             raise NoRoomError(
-                f"its charts did not fit {size} x {size} texels with gutters of {gutter}; use a larger --size"
+                f"{counted(charts.count, 'chart')} with gutters of {gutter} texels do not fit {size} x {size} texels"
             )
         gutter = max(MIN_GUTTER, gutter // 2)
     uvs: Float64Array = np.zeros_like(charts.uvs)
@@ -126,15 +134,17 @@ class Outlines:
         return scale * (self.covered * scale + self.length * gap / 2)
 
 
-def choose_gutter(outlines: Outlines, size: int, padding: int) -> int:
+def choose_gutter(outlines: Outlines, size: int, padding: int, density: float | None = None) -> int:
     """Return the gutter in texels: twice the padding, but less where gutters would take more than MAX_SHARE of a page.
+
+    density   texels per unit of length; None: as many as the page has room for
 
     A wider one keeps charts apart in more mip levels, but leaves them fewer texels. The share is the one at which the
     error as rendered, in the mean over mip levels 0 to 2, was least on several meshes (benchmarks/atlas_quality.py).
     """
     gutter = max(MIN_GUTTER, 2 * padding)
     while gutter > MIN_GUTTER:
-        scale = outlines.scale(_FILL * size**2, gutter)
+        scale = outlines.scale(_FILL * size**2, gutter) if density is None else density
         if outlines.length * scale * gutter / 2 <= MAX_SHARE * size**2:
             break
         gutter -= 1
@@ -180,6 +190,7 @@ class _Packing(NamedTuple):
     cells    side of the page
     reach    see `reach_of_gutter`
     inset    see `chart_masks`
+    tick     see `pack_charts`
     """
 
     flat: Float64Array
@@ -187,11 +198,17 @@ class _Packing(NamedTuple):
     cells: int
     reach: list[int]
     inset: float
+    tick: Tick | None
+
+    def may_fit(self, scale: float) -> bool:
+        """Tell whether charts without gaps are small enough for the page."""
+        area = float(doubled_uv_areas(self.flat).sum()) / 2
+        return self.flat.max() * scale < self.cells + 1 and area * scale**2 <= self.cells**2
 
     def at_scale(self, scale: float) -> _Layout | None:
         """Return the layout in a page that may become higher than wide; None where they do not fit that either."""
         masks = chart_masks(self.flat * scale, self.chart, self.inset)
-        places = Page(self.cells, int(_PAGE_HEIGHT * self.cells), self.reach).place(masks)
+        places = Page(self.cells, int(_PAGE_HEIGHT * self.cells), self.reach).place(masks, self.tick)
         if places is None:
             return None
         shapes = np.array([mask.shape for mask in masks])

@@ -7,6 +7,7 @@ others, "Least Squares Conformal Maps for Automatic Texture Atlas Generation", 2
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from aoprecalc.types import BoolArray
 
 IntArray = NDArray[np.intp]
+Tick = Callable[[], None]
 
 _LEVELS = 7  # of squares whose places are known, 1 to 64 cells a side
 _BAND = 64  # rows of the page looked at together
@@ -113,10 +115,15 @@ class Page:
             occupied[: max(0, rows - side + 1), : max(0, columns - side + 1)] = False
         self._lowest: dict[tuple[int, int], int] = {}  # by class of shape: the row at which the last one was put
 
-    def place(self, masks: list[BoolArray]) -> IntArray | None:
-        """Place all charts, largest first: (n, 3) rows, columns and quarter turns; None where one does not fit."""
+    def place(self, masks: list[BoolArray], tick: Tick | None = None) -> IntArray | None:
+        """Place all charts, largest first: (n, 3) rows, columns and quarter turns; None where one does not fit.
+
+        tick   is called before each chart; may raise to stop
+        """
         places: IntArray = np.zeros((len(masks), 3), np.intp)
         for number in np.argsort([-sum(mask.shape) for mask in masks], kind="stable").tolist():
+            if tick is not None:
+                tick()
             shape, best = _shape(masks[number]), None
             for turns in range(4):
                 found = self._find(shape, best[0] if best else self._rows + 1)

@@ -3,59 +3,39 @@
 import io
 import os
 import sys
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from typing import Any, NoReturn, cast
 
 import numpy as np
 
-from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, one_or_many, option_name
-from aoprecalc.mesh.surface import area_vectors, face_normals
-from aoprecalc.mesh.topology import face_components
+from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, KilledError, counted, option_name
+from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.options import LARGE_MESH, BakeOptions, Unwrap
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import overlapping_triangles
-from aoprecalc.raster.layout import (
-    MAX_TILES,
-    Layout,
-    Rasterizer,
-    atlas_from_uvs,
-    build_layout,
-    corner_ids,
-    doubled_uv_areas,
-)
+from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.subprocesses import (
     ChildKilledError,
     ChildTimeoutError,
     StepCallback,
+    Watch,
     ask,
     command,
     end_with_parent,
     report_step,
 )
-from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, UvCheck
-from aoprecalc.uv.charts import (
-    FINER,
-    Charts,
-    Unwrapper,
-    cut_again,
-    make_charts,
-    out_of_scale,
-    sum_over_charts,
-)
+from aoprecalc.types import Atlas, BoolArray, Float64Array, Int32Array, Scene, UvCheck
+from aoprecalc.uv.charts import FINER, Charts, Unwrapper, cut_again, make_charts, out_of_scale, sum_over_charts
+from aoprecalc.uv.checks import RasterizerFactory, check_uvs, needs_uvs
+from aoprecalc.uv.fill import FirstLook, PageSpec, fill_page
 from aoprecalc.uv.pack import NoRoomError, pack_charts
 
-RasterizerFactory = Callable[[Layout], Rasterizer]
-# Measures an atlas coarsely: (h, w) int32, the face at each texel or -1, and (h, w) float32, its ambient occlusion.
-FirstLook = Callable[[Atlas], tuple[Int32Array, Float32Array]]
+Cuts = dict[str, Charts]  # what unwrappers cut, by their names, before it was packed for any size
 
-MAX_OVERLAP = 0.001  # share of the covered texels inside two triangles, and of the surface without area in UV space
 MIN_SIZE = 16  # texels
 _TINY = 1e-4  # square texels that do not matter
-_SCALES = 0.25, 2.5  # of charts by need
-_PRIOR = 0.5  # pairs of texels of average difference, added to those of each chart
-_NOISE = 0.006  # difference of neighbouring texels that does not matter
 _CHILDREN = {method: command("aoprecalc.uv.unwrap", method) for method in ("xatlas", "uvunwrap")}
 _OTHER = {"xatlas": "uvunwrap", "uvunwrap": "xatlas"}
 _IF_SLOW = {"xatlas": "use --unwrap uvunwrap", "uvunwrap": "use a mesh of fewer faces"}
@@ -67,12 +47,13 @@ def choose_atlas(
     options: BakeOptions,
     progress: Progress,
     first_look: FirstLook | None = None,
+    cuts: Cuts | None = None,
 ) -> Atlas:
     """Keep the file's UVs if `options.unwrap` allows it and they can hold a bake, else unwrap.
 
-    first_look   see `unwrap`
+    first_look, cuts   see `unwrap`
     Raises InputError where `keep` is asked for and impossible, UsageError where an unwrapper is asked for that is not
-    installed, AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`.
+    installed, AoprecalcError where the unwrapper fails or takes longer than `unwrap_timeout`; see also `unwrap`.
     """
     checks: list[UvCheck] = []
     if options.unwrap in ("auto", "keep"):
@@ -93,11 +74,11 @@ def choose_atlas(
             raise InputError(f"{scene.path}: its UVs cannot hold a bake ({faults}); use --unwrap auto or xatlas")
         progress.note(f"the file's UVs are not kept: {faults}" if checks else "the file has no UVs")
     methods = _choose_unwrappers(options.unwrap, int(np.count_nonzero(needs_uvs(scene))), progress)
-    size = min(options.width, options.height)
+    page = PageSpec(min(options.width, options.height), options.padding, options.texel_density)
 
     def unwrap_with(method: Unwrapper) -> Atlas:
         timeout, on_step = options.unwrap_timeout, progress.step
-        atlas = unwrap(scene, method, size, options.padding, first_look, timeout=timeout, on_step=on_step)
+        atlas = unwrap(scene, method, page, first_look, cuts=cuts, timeout=timeout, on_step=on_step)
         return replace(atlas, checks=tuple(checks))
 
     try:
@@ -105,7 +86,7 @@ def choose_atlas(
     except KilledError:  # which says nothing about the mesh
         raise
     except AoprecalcError as error:
-        if len(methods) == 1 or not isinstance(error.__cause__, ChildProcessError):
+        if len(methods) == 1 or not isinstance(error.__cause__, ChildProcessError | NoRoomError):
             raise
         progress.note(f"{methods[1]} is used instead: {error.worded(option_name)}")
         return unwrap_with(methods[1])
@@ -141,157 +122,79 @@ def _kept_set(checks: list[UvCheck], atlases: list[Atlas | None], wanted: Unwrap
     return atlases[min(lost, key=lambda uv_set: (bool(checks[uv_set].fault), lost[uv_set]))] if lost else None
 
 
-def check_uvs(
-    make_rasterizer: RasterizerFactory, scene: Scene, uv_set: int, width: int, height: int
-) -> tuple[UvCheck, Atlas | None]:
-    """Check one of the file's UV sets, by index; also return its atlas, None where it has no area or repeats too much.
-
-    It has no fault if the faces without area in UV space, by their share of the surface, and the texels that lie inside
-    two triangles, wrapped modulo 1, by theirs of the covered ones, are less than MAX_OVERLAP together, and no face
-    spans more than MAX_TILES repeats of the texture. Faces without area in UV space have no place in the atlas.
-    """
-    uvs, needed = scene.uv_sets[uv_set], needs_uvs(scene)
-    longest = np.linalg.norm(np.roll(uvs, -1, axis=1) - uvs, axis=2).max(axis=1)
-    without = needed & (doubled_uv_areas(uvs) <= 1e-9 * np.maximum(longest**2, 1e-9))
-    mapped, flat, share = needed & ~without, int(np.count_nonzero(without)), surface_share(scene, without)
-    no_area = f"{counted(flat, 'face')} with area {one_or_many(flat, 'has', 'have')} no area in UV space"
-    check = UvCheck(uv_set, flat, share, 0, None, f"{no_area} ({share:.1%} of the surface)" if flat else "")
-    if not mapped.any():
-        return check, None
-    check = replace(check, tiles=int(np.ceil(uvs[mapped].max(axis=1) - np.floor(uvs[mapped].min(axis=1))).max()))
-    if check.tiles > MAX_TILES:
-        fault = f"a face lies on {check.tiles} repeats of the texture; at most {MAX_TILES} may be"
-        return replace(check, fault=fault), None
-    atlas = replace(atlas_from_uvs(scene, uvs, mapped), uv_set=uv_set)
-    overlap = make_rasterizer(build_layout(scene, atlas, width, height)).overlap()
-    if share + overlap < MAX_OVERLAP:
-        fault = ""
-    elif overlap >= MAX_OVERLAP:
-        fault = f"{overlap:.1%} of the texels lie inside two triangles; at most {MAX_OVERLAP:.1%} may"
-    else:
-        fault = check.fault
-    return replace(check, overlap=overlap, fault=fault), atlas
-
-
-def surface_share(scene: Scene, faces: BoolArray) -> float:
-    """Return the share of the surface that needs UVs which some of its faces, (f,) bool, are."""
-    areas = np.linalg.norm(area_vectors(scene.corners), axis=1)
-    return float(areas[faces].sum() / areas[needs_uvs(scene)].sum())
-
-
-def needs_uvs(scene: Scene) -> BoolArray:
-    """Return the faces, (f,) bool, that need UVs of their own: those with area that receive and share no other's UVs.
-
-    Raises InputError where there are none.
-    """
-    baked = scene.receives & scene.per_face(part.uv_owner is None for part in scene.parts)
-    with_area: BoolArray = baked & face_normals(scene.corners)[1]
-    if not with_area.any():
-        raise InputError(
-            f"{scene.path}: none of {counted(np.count_nonzero(baked), 'face')} has area; expected a surface to bake"
-        )
-    return with_area
-
-
 # New UVs for a whole scene, packed into one page of the texture's size.
 
 
 def unwrap(
     scene: Scene,
     method: Unwrapper,
-    size: int,
-    padding: int,
+    page: PageSpec,
     first_look: FirstLook | None = None,
     *,
+    cuts: Cuts | None = None,
     timeout: float | None = None,
     on_step: StepCallback | None = None,
 ) -> Atlas:
-    """Cut the scene into charts, flatten them and pack them for a texture whose shorter side is `size` texels.
+    """Cut the scene into charts, flatten them and pack them into a page, the shorter side of the texture.
 
-    padding      texels around each chart that should stay free; see `pack.choose_gutter` for meshes without such room
     first_look   measures an atlas coarsely, so that charts get texels by need; None: all get as many per unit of length
-    timeout      seconds that the unwrapper may take; None: any number
-    on_step      is called several times a second with the step that the unwrapper is at
-    Raises InputError where no face has area, UsageError where the size is too small for any chart, AoprecalcError where
-    the unwrapper fails or times out. After any exception, Ctrl-C included, the unwrapper is gone.
+    cuts         of this scene, by earlier calls; receives that of this one
+    timeout      seconds that this may take; None: any number
+    on_step      is called several times a second with the step that the work is at; may raise to end it
+    Raises InputError where no face has area, UsageError where the size is too small for any chart, TooDenseError where
+    it is for the density of the page, AoprecalcError where the unwrapper fails or times out. After any exception,
+    Ctrl-C included, the unwrapper is gone.
     """
-    if size < MIN_SIZE:
-        raise ArgumentError("size", f"is {size}, which has no room for charts and gutters; use at least {MIN_SIZE}")
+    if page.size < MIN_SIZE:
+        raise ArgumentError(
+            "size", f"is {page.size}, which has no room for charts and gutters; use at least {MIN_SIZE}"
+        )
     mapped = needs_uvs(scene)
     # Both unwrappers compare lengths with constants: they are given a mesh about one unit across.
     used, corners = np.unique(scene.faces[mapped], return_inverse=True)
     positions = scene.positions[used] - scene.positions[used].min(axis=0)
     positions /= positions.max()
     faces = corners.reshape(-1, 3).astype(np.int32)
+    watch = Watch(on_step, timeout)
     try:
-        uvs, placed, charts, gutter = _run(method, positions, faces, size, padding, timeout, on_step)
+        answer = _run(method, positions, faces, page, {} if cuts is None else cuts, timeout, on_step)
+        all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
+        all_uvs[mapped] = answer["uvs"]
+        mapped[mapped] = answer["placed"]
+        atlas = Atlas(method, all_uvs, mapped, int(answer["charts"]), gutter=int(answer["gutter"]))
+        return fill_page(scene, atlas, page, first_look, partial(watch, "packing"))
     except ChildTimeoutError as error:
         raise AoprecalcError(
             f"{method} has not unwrapped {counted(len(faces), 'face')} within {timeout:g} s (--unwrap-timeout), "
             f"it is at: {error.step}; allow more time or {_IF_SLOW[method]}"
         ) from error
-    all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
-    all_uvs[mapped] = uvs
-    mapped[mapped] = placed
-    return _fill_page(scene, Atlas(method, all_uvs, mapped, charts, gutter=gutter), first_look, size, padding)
 
 
 def _run(
     method: Unwrapper,
     positions: Float64Array,
     faces: Int32Array,
-    size: int,
-    padding: int,
+    page: PageSpec,
+    cuts: Cuts,
     timeout: float | None,
     on_step: StepCallback | None,
-) -> tuple[Float64Array, BoolArray, int, int]:
-    """Unwrap in a child process: UVs (f, 3, 2), placed (f,) bool, the number of charts and the gutter."""
+) -> dict[str, Any]:
+    """Unwrap in a child process; see `main` for its answer."""
     request = io.BytesIO()
-    np.savez(request, positions=positions, faces=faces, size=size, padding=padding)
+    arrays: dict[str, Any] = {"positions": positions, "faces": faces, "size": page.size, "padding": page.padding}
+    if method in cuts:
+        arrays |= {"cut_uvs": cuts[method].uvs, "cut_chart": cuts[method].chart}
+    np.savez(request, **arrays)
     try:
-        answer = np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), on_step, timeout=timeout)))
+        answer = dict(np.load(io.BytesIO(ask(_CHILDREN[method], request.getvalue(), on_step, timeout=timeout))))
     except ChildProcessError as error:
         message = f"{method} could not unwrap {counted(len(faces), 'face')}: {error}; or try --unwrap {_OTHER[method]}"
         raise (KilledError if isinstance(error, ChildKilledError) else AoprecalcError)(message) from error
-    return answer["uvs"].astype(np.float64), answer["placed"], int(answer["charts"]), int(answer["gutter"])
-
-
-def _fill_page(scene: Scene, atlas: Atlas, first_look: FirstLook | None, size: int, padding: int) -> Atlas:
-    """Return a new atlas with its charts as large as the page has room for, in the scales that the first look tells.
-
-    Charts that hold one value, as hidden ones do, are smaller. If neighbouring texels of a chart differ by d, its error
-    is in proportion to d; charts of area A at t texels a unit take A t^2 texels, and leave a squared error of
-    A (d / t)^2. The sum of the errors is least, for as many texels, where t is in proportion to the square root of d.
-    """
-    chart = face_components(corner_ids(scene.faces[atlas.mapped], atlas.uvs[atlas.mapped]))
-    scales = np.ones(atlas.charts)
-    if first_look is not None:
-        faces, values = first_look(atlas)
-        of_face: Int32Array = np.full(len(scene.faces) + 1, -1, np.int32)  # face -1 reads the last one
-        of_face[:-1][atlas.mapped] = chart
-        scales = scales_by_need(of_face[faces], values, atlas.charts)
-    charts = Charts(atlas.uvs[atlas.mapped] * scales[chart, None, None], chart)  # they keep their shapes in the page
-    try:
-        packed = pack_charts(charts, size, padding)
-    except NoRoomError:  # where the page has hardly a texel for each chart
-        return atlas
-    uvs = np.zeros_like(atlas.uvs)
-    uvs[atlas.mapped] = packed.uvs
-    return replace(atlas, uvs=uvs, gutter=packed.gutter)
-
-
-def scales_by_need(charts: Int32Array, values: Float32Array, count: int) -> Float64Array:
-    """Return the scales of `count` charts, (count,), from an image of charts, -1 for none, and one of their values."""
-    squared, pairs = np.zeros(count), np.zeros(count)
-    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        same = (charts[one] == charts[other]) & (charts[one] >= 0)
-        difference = values[one][same].astype(np.float64) - values[other][same]
-        squared += np.bincount(charts[one][same], difference**2, count)
-        pairs += np.bincount(charts[one][same], minlength=count)
-    mean = squared.sum() / max(pairs.sum(), 1)
-    differences = (squared + _PRIOR * mean) / (pairs + _PRIOR) + _NOISE**2
-    scales: Float64Array = np.clip((differences / (mean + _NOISE**2)) ** 0.25, *_SCALES)
-    return scales
+    cuts[method] = Charts(answer.pop("cut_uvs"), answer.pop("cut_chart"))
+    if "no_room" in answer:
+        no_room = NoRoomError(str(answer["no_room"]))
+        raise ArgumentError("size", f"is {page.size}, but {no_room}; use a larger one") from no_room
+    return answer
 
 
 # The child process, an end of `subprocesses.ask`. xatlas neither releases the interpreter nor can be interrupted, so
@@ -300,24 +203,34 @@ def scales_by_need(charts: Int32Array, values: Float32Array, count: int) -> Floa
 
 
 def cut_and_pack(
-    method: Unwrapper, positions: Float64Array, faces: Int32Array, size: int, padding: int
+    method: Unwrapper,
+    positions: Float64Array,
+    faces: Int32Array,
+    size: int,
+    padding: int,
+    cut: Charts | None = None,
 ) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into one page of size x size texels, which they need not fill.
 
     Charts that are faulty when they are packed, whoever cut and packed them, are cut into smaller ones.
+    cut   what `make_charts` gave before; None: it is called
     """
-    charts = make_charts(method, positions, faces)
+    charts = cut = cut or make_charts(method, positions, faces)
+    answer = {"cut_uvs": cut.uvs, "cut_chart": cut.chart}
     report_step("packing")
-    packed = pack_charts(charts, size, padding, quick=True)
     surface = np.linalg.norm(area_vectors(positions[faces]), axis=1) / 2
-    for fineness in FINER:
-        faulty = faulty_charts(packed.uvs, charts.chart, surface, size)
-        if not faulty.any():
-            break
-        report_step(f"cutting {counted(np.count_nonzero(faulty), 'chart')} again")
-        charts = cut_again(charts, faulty, method, positions, faces, fineness)
+    try:
         packed = pack_charts(charts, size, padding, quick=True)
-    return {"uvs": packed.uvs, "placed": charts.placed, "charts": charts.count, "gutter": packed.gutter}
+        for fineness in FINER:
+            faulty = faulty_charts(packed.uvs, charts.chart, surface, size)
+            if not faulty.any():
+                break
+            report_step(f"cutting {counted(np.count_nonzero(faulty), 'chart')} again")
+            charts = cut_again(charts, faulty, method, positions, faces, fineness)
+            packed = pack_charts(charts, size, padding, quick=True)
+    except NoRoomError as error:
+        return answer | {"no_room": str(error)}
+    return answer | {"uvs": packed.uvs, "placed": charts.placed, "charts": charts.count, "gutter": packed.gutter}
 
 
 def faulty_charts(uvs: Float64Array, chart: Int32Array, surface: Float64Array, size: int) -> BoolArray:
@@ -340,14 +253,17 @@ def faulty_charts(uvs: Float64Array, chart: Int32Array, surface: Float64Array, s
 def main(method: str) -> NoReturn:
     """Answer one request: `python -m aoprecalc.uv.unwrap METHOD < request.npz > answer.npz`.
 
-    request: positions (v, 3) float64 about one unit across, faces (f, 3) int32, size and padding in texels
-    answer:  uvs (f, 3, 2) float64 in [0, 1], placed (f,) bool: faces that got UVs, charts, gutter
+    request: positions (v, 3) float64 about one unit across, faces (f, 3) int32, size and padding in texels; perhaps
+             cut_uvs and cut_chart of an earlier answer
+    answer:  uvs (f, 3, 2) float64 in [0, 1], placed (f,) bool: faces that got UVs, charts, gutter; or no_room, a text;
+             cut_uvs and cut_chart: the `Charts` that were packed first
     """
     end_with_parent()
     request = np.load(io.BytesIO(sys.stdin.buffer.read()))
     settings = int(request["size"]), int(request["padding"])
+    cut = Charts(request["cut_uvs"], request["cut_chart"]) if "cut_uvs" in request else None
     try:
-        answer = cut_and_pack(cast(Unwrapper, method), request["positions"], request["faces"], *settings)
+        answer = cut_and_pack(cast(Unwrapper, method), request["positions"], request["faces"], *settings, cut)
     except ValueError as error:
         _exit(1, str(error))
     except MemoryError:
