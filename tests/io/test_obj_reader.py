@@ -52,13 +52,6 @@ def test_corners_without_uv_or_normal_are_told_and_filled(save):
     assert [len(lines) for lines in (scene.warnings, scene.notes)] == [1, 1]
 
 
-def test_normals_of_a_part_only_are_not_used(save):
-    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\ng a\nf 1//1 2//1 3//1\ng b\nf 3 2 1\n"
-    scene = load_scene(save("a.obj", text))
-    assert scene.normals is None
-    assert "1 of 2 parts has no normals" in scene.warnings[0]
-
-
 def test_odd_writing(save):
     text = "\ufeffv 0 0 0 1\r\nv\t1 0\t0 0.5 0.5 0.5\r\nv 0 1 \\\r\n0\r\nf 1 2 3 # a face\r\nl 1 2\r\nf 1 2\r\n"
     scene = load_scene(save("a.OBJ", text))

@@ -92,12 +92,19 @@ def shading_normals(scene: Scene, mode: Normals = "auto", crease_angle: float | 
         raise InputError(f"{scene.path}: has no normals, which --normals file asks for; use --normals auto or smooth")
     if mode in ("auto", "file") and scene.normals is not None:
         return scene.normals
-    areas = area_vectors(scene.corners)
-    flat = np.repeat(_unit(areas)[:, None], 3, axis=1)
     if mode == "flat":
-        return flat.astype(np.float32)
+        return np.repeat(_unit(area_vectors(scene.corners))[:, None], 3, axis=1).astype(np.float32)
     angle = default_crease_angle(scene) if crease_angle is None else crease_angle
-    groups = scene.faces if angle >= _SMOOTH_ANGLE else _smooth_groups(scene.faces, _unit(areas, empty=_ZERO), angle)
+    return smooth_normals(scene.positions, scene.faces, angle)
+
+
+def smooth_normals(positions: Float64Array, faces: Int32Array, crease_angle: float = _SMOOTH_ANGLE) -> Float32Array:
+    """Return unit normals at the corners of faces over welded positions, (f, 3, 3) float32; see `shading_normals`."""
+    areas = area_vectors(positions[faces])
+    flat = np.repeat(_unit(areas)[:, None], 3, axis=1)
+    groups = faces
+    if crease_angle < _SMOOTH_ANGLE:
+        groups = _smooth_groups(faces, _unit(areas, empty=_ZERO), crease_angle)
     of_corner = groups.ravel()
     sums: Float64Array = np.column_stack([np.bincount(of_corner, np.repeat(areas[:, axis], 3)) for axis in range(3)])
     # Where opposite faces cancel there is no mean: their corners keep the face normal.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import ArgumentError, InputError, counted, one_or_many
 from aoprecalc.io.formats.base import MeshFormat
-from aoprecalc.mesh.surface import face_normals, normalize
+from aoprecalc.mesh.surface import face_normals, normalize, smooth_normals
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note, notes_of, warnings_of
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Int32Array, Material, Part, Scene
@@ -109,7 +109,7 @@ def build_scene(
         format=file_format,
         positions=positions,
         faces=faces.astype(np.int32),
-        normals=_gather_normals(pieces_with_faces, flat_normals, messages),
+        normals=_gather_normals(pieces_with_faces, positions, faces.astype(np.int32), flat_normals, messages),
         uv_sets=_gather_uv_sets(pieces_with_faces, messages),
         parts=_parts(pieces_with_faces),
         document=document,
@@ -150,27 +150,32 @@ def _check_positions(label: str, positions: Float64Array) -> None:
 
 
 def _gather_normals(
-    pieces: Sequence[MeshPiece], face_normals: Float64Array, messages: list[str]
+    pieces: Sequence[MeshPiece],
+    positions: Float64Array,
+    faces: Int32Array,
+    face_normals: Float64Array,
+    messages: list[str],
 ) -> Float32Array | None:
-    """Return (f, 3, 3) unit normals at the corners; None if some part has none or no normal is usable."""
+    """Return (f, 3, 3) unit normals at the corners, smooth on parts that have none; None if none is usable.
+
+    faces   (f, 3) into the welded positions
+    """
     with_normals = [piece.normals for piece in pieces if piece.normals is not None]
     if not with_normals:
         return None
-    if len(with_normals) < len(pieces):
-        missing = len(pieces) - len(with_normals)
-        without = f"{missing} of {counted(len(pieces), 'part')} {one_or_many(missing, 'has', 'have')} no normals"
-        messages.append(
-            f"{without}, so those of the others are not used either: all are computed from the faces; "
-            "export all parts with normals to keep them"
-        )
-        return None
-
-    normals = np.concatenate(with_normals).astype(np.float64)
+    lacks = np.repeat([piece.normals is None for piece in pieces], [len(piece.vertices) for piece in pieces])
+    normals = np.empty((len(faces), 3, 3))
+    normals[~lacks] = np.concatenate(with_normals)
+    if lacks.any():
+        normals[lacks] = smooth_normals(positions, faces[lacks])
     largest = np.abs(normals).max(axis=2, keepdims=True)
     usable = np.asarray((np.isfinite(largest) & (largest > 0))[:, :, 0])
-    if not usable.any():
+    if not usable[~lacks].any():
         messages.append(Note("all normals of the file are zero or not finite: they are computed from the faces"))
         return None
+    if missing := len(pieces) - len(with_normals):
+        without = f"{missing} of {counted(len(pieces), 'part')} {one_or_many(missing, 'has', 'have')} no normals"
+        messages.append(Note(f"{without}: smooth ones were computed there"))
     if not usable.all():
         messages.append(
             Note(

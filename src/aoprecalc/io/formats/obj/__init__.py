@@ -51,11 +51,12 @@ class ObjFormat(MeshFormat):
         return [scene.path, *document.libraries, *material_files(document.materials.values())]
 
     def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
-        """Return .obj, unless new UVs would take the place of those that the textures of baked parts need."""
+        """Return .obj, unless new UVs would take the place of those with which baked parts show their textures."""
         if atlas is not None and atlas.uv_set is not None:
             return ".obj", ""
         materials = source_materials(scene)
-        used = dict.fromkeys(name for name, receives in map(material_use, scene.parts) if receives and name)
+        with_uvs = [part for part in scene.parts if scene.uvs is not None and scene.uvs[part.faces].any()]
+        used = dict.fromkeys(name for name, receives in map(material_use, with_uvs) if receives and name)
         textured = [name for name in used if name in materials and materials[name].pictured]
         if not textured:
             return ".obj", ""

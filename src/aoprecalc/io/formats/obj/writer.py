@@ -80,6 +80,8 @@ def library_lines(
     elif lost:
         left_out = _names(line for replaced in lost.values() for line in replaced)
         found = "an MTL holds one set of UVs; the other textures of its materials are left out"
+        if not (document.corners[:, 1] >= 0).any():
+            found = "the mesh had no UVs for the textures of its materials, which are left out"
         messages.append(f"{target}: {found}: {left_out}")
     missing = [line for line in kept_maps if not line.found]
     if moved := [line for line in missing if not same_file(file_beside(target.parent, line.name), line.file)]:
