@@ -10,7 +10,8 @@ import pytest
 import aoprecalc as ao
 from aoprecalc.api.bake import bake_file
 from aoprecalc.io import find_occlusion, load_scene, read_image, write_image
-from aoprecalc.io.images import MAX_TEXT, options_text, png_bytes, read_options, read_pixels, read_text
+from aoprecalc.io.baked_options import bake_text, options_document, read_options
+from aoprecalc.io.images import MAX_TEXT, png_bytes, read_pixels, read_text
 from aoprecalc.options import ValueOptions
 from gltf_kit.gltf_validator import needs_validator, new_issues
 
@@ -19,14 +20,14 @@ OPTIONS = ValueOptions(
     only=("Stühle *", "日本", '"quoted" \\ name'), exclude=("pot",), glass_occludes=True, two_sided=True, ground=True,
     up="z", estimator="mean", normals="flat", crease_angle=30, instances="share", all_parts=True,
 )  # fmt: skip
-TEXT = options_text(OPTIONS)
+TEXT = bake_text(OPTIONS, 12)
 
 
 def test_the_text_is_plain_and_gives_the_options_back():
     assert TEXT.isascii()
     assert read_options(TEXT) == read_options(json.loads(TEXT)) == OPTIONS
-    assert read_options(options_text(ValueOptions())) == ValueOptions()
-    assert len(options_text(ValueOptions())) < 250
+    assert read_options(bake_text(ValueOptions(), 12)) == ValueOptions()
+    assert len(bake_text(ValueOptions(), 12)) < 270
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".tif", ".jpg"])
@@ -112,7 +113,7 @@ def test_what_a_user_has_in_extras_is_kept(gltf_cube, tmp_path, before, kept):
     options = ao.BakeOptions(size=32, directions=64, backend="ray")
     files = bake_file(maker.save("cube.gltf"), tmp_path / "a.png", mesh_output=tmp_path / "a.gltf", options=options)
     (material,) = json.loads(files.files.mesh.read_text())["materials"]
-    own = {"aoprecalc": json.loads(options_text(ValueOptions()))}
+    own = {"aoprecalc": json.loads(json.dumps(options_document(ValueOptions())))}
     assert material["occlusionTexture"]["extras"] == (before if kept is None else kept | own)
     assert material["extras"] == {"of": "the material"}
 
@@ -161,7 +162,7 @@ def test_a_chunk_that_is_no_text_is_a_picture_without_one(tmp_path):
 
 def test_a_very_long_list_of_names_does_not_travel():
     names = tuple(f"part {number}" for number in range(5000))
-    assert options_text(ValueOptions(only=names)) == ""
+    assert bake_text(ValueOptions(only=names), 12) == ""
 
 
 def test_equal_bakes_by_other_paths_have_equal_bytes(tmp_path):

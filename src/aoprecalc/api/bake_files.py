@@ -18,7 +18,8 @@ from aoprecalc.io import (
     write_baked_mesh,
     write_image,
 )
-from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, options_text
+from aoprecalc.io.baked_options import bake_text
+from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
@@ -124,7 +125,8 @@ class BakePlan:
         mesh = self._mesh_path(suffix) if self.mesh is None else self.mesh.path
         texture = scratch / f"{self.stem}{_EMBEDDED}" if self.texture is None else self.texture.path
         written = texture if self.texture is None else outputs.path(texture)
-        write_image(written, baked.texture.values, self.options.bit_depth, options_text(baked.options))
+        text = bake_text(baked.options, len(baked.scene.faces))
+        write_image(written, baked.texture.values, self.options.bit_depth, text)
         made = write_baked_mesh(
             outputs,
             mesh,

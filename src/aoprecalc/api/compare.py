@@ -22,9 +22,10 @@ from aoprecalc.io import (
     source_files,
     write_colors,
 )
+from aoprecalc.io.baked_options import baked_options
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import read_pixels
-from aoprecalc.io.meshes import NoOcclusionError, baked_options, mesh_beside
+from aoprecalc.io.meshes import NoOcclusionError, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_levels
 from aoprecalc.metrics.difference import (
@@ -271,7 +272,8 @@ def _read_texture(path: Path, mesh: Path | None) -> _Input:
             lines = (*damage, f"the whole picture counts, as the mesh beside it cannot be used: {error}")
             return _Input(ComparedTexture(pixels), (path, found), lines, options)
         value = ComparedTexture(pixels, surface.coverage())
-        return _Input(value, (path, *source_files(scene)), surface.warnings, surface.picture.options)
+        lines = (*surface.warnings, *surface.warning_on_mesh)
+        return _Input(value, (path, *source_files(scene)), lines, surface.picture.options)
     options, damage = baked_options(ImageSource(str(path), path))
     return _Input(ComparedTexture(pixels), (path,), damage, options)
 

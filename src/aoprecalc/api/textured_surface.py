@@ -68,6 +68,16 @@ class TexturedSurface:
         taken = () if baked is None else verify_words(options, given)
         return cls(scene, picture, mapped, options, taken, (*picture.warnings, *missing, *left_out))
 
+    @property
+    def warning_on_mesh(self) -> tuple[str, ...]:
+        """A warning where the texture says that it was baked for another mesh; else nothing."""
+        baked, found = self.picture.triangles, len(self.scene.faces)
+        if baked in (None, found):
+            return ()
+        one, other = counted(baked or 0, "triangle"), counted(found, "triangle")
+        whose = f"{self.picture.name}: was baked for a mesh of {one}, but {self.scene.path} has {other}"
+        return (f"{whose}; pass the texture of this mesh, or the mesh of this texture",)
+
     @cached_property
     def atlas(self) -> Atlas:
         """Its UVs with their charts, which takes longer to find than a picture to draw."""
@@ -243,7 +253,7 @@ def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> Me
         textured=surface.mapped,
     )
     about_texture = (*map(Note, surface.warnings), *_note_on_uv_set(surface, texture))
-    messages = (*scene.notes, *scene.warnings, *about_texture)
+    messages = (*scene.notes, *scene.warnings, *about_texture, *surface.warning_on_mesh)
     up = up_axis(scene, surface.options)
     files, all_parts = _files(scene, picture.path), surface.options.all_parts
     return MeshToDraw(shown, mesh.name, picture.name, picture.path, up, files, messages, all_parts)

@@ -21,7 +21,8 @@ from aoprecalc.io import (
 )
 from aoprecalc.io.meshes import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
-from aoprecalc.mesh.surface import sample_surface, shading_normals
+from aoprecalc.mesh.roles import surrounding_part
+from aoprecalc.mesh.surface import area_vectors, sample_surface, shading_normals
 from aoprecalc.metrics.errors import (
     TextureErrors,
     errors_per_mip_level,
@@ -37,6 +38,8 @@ from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
 from aoprecalc.uv.checks import MAX_OVERLAP
+
+_FEW_POINTS = 1000  # that leave the RMS error of a part uncertain by several per cent
 
 
 @dataclass(frozen=True)
@@ -269,6 +272,8 @@ def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
         *surface.scene.notes,
         *surface.scene.warnings,
         *surface.warnings,
+        *surface.warning_on_mesh,
+        *_warnings_on_few_points(surface, options),
         *_warnings_on_overlap(surface),
         *_notes_on_rays(options),
         *notes_on_shared_uvs(surface.scene),
@@ -298,6 +303,21 @@ def _warnings_on_overlap(surface: TexturedSurface) -> list[str]:
         return []
     share = f"{overlap:.1%} of the texels lie inside two triangles: no texture can be right for both"
     return [f"{share}; give the mesh other UVs, such as those of a bake"]
+
+
+def _warnings_on_few_points(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
+    """Warn that a part that is far larger than the others has all the points but some."""
+    scene = surface.scene
+    areas = np.linalg.norm(area_vectors(scene.corners), axis=1) * surface.mapped
+    large = surrounding_part(scene, areas)
+    if large is None:
+        return []
+    rest = round(options.points * (1 - float(areas[large.faces].sum() / areas.sum())))
+    if rest >= _FEW_POINTS:
+        return []
+    others = f"{counted(rest, 'point')} of {options.points} {one_or_many(rest, 'lies', 'lie')} on the other parts"
+    alone = shlex.join(["--occluders-only", large.name])
+    return [f"{large.name!r} is far larger than the rest: about {others}; measure them alone with {alone}"]
 
 
 def _notes_on_rays(options: VerifyOptions) -> list[Note]:

@@ -3,33 +3,25 @@
 Integers are quantized here: floor(255 a + 0.5) in 8 bits, floor(65535 a + 0.5) in 16 bits, with a clamped to [0, 1].
 
 An image may carry one text of this program: PNG in a tEXt chunk, EXR in an attribute, both of the name _TEXT; TIFF and
-JPEG have it as their ImageDescription, after that name and a space. TGA and BMP carry none. The text is the options
-that define a baked value, as JSON:
-
-    {"schema": 1, "only": [], ..., "two_sided": true, "ground": true, "up": "y", "estimator": "ratio", ...}
-
-glTF's occlusionTexture has the same object in its `extras`, as the member "aoprecalc". Neither has paths, times or
-names of machines. What is read is not trusted: its size is bounded, and it is checked as options of the command line.
+JPEG have it as their ImageDescription, after that name and a space. TGA and BMP carry none. What it says is in
+`baked_options.py`.
 """
 
-import json
 import os
 import tempfile
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import ArgumentError, InputError, OutputError, UsageError
-from aoprecalc.options import BitDepth, ValueOptions
+from aoprecalc.errors import InputError, OutputError, UsageError
+from aoprecalc.options import BitDepth
 from aoprecalc.types import Float32Array, Picture, UInt8Array
 
 Depth = Literal["8", "16", "half", "float"]
@@ -60,8 +52,6 @@ _FIXED_DATE = "1970:01:01 00:00:00"
 MAX_SIDE = 32_768  # pixels; a file of half a megabyte may hold more than fit into memory
 MAX_TEXT = 16_384  # characters; JPEG holds fewer than 65,536 bytes
 
-OPTIONS_SCHEMA = 1  # version of the JSON of options
-EXTRAS = "aoprecalc"  # the member of glTF's `extras`
 _TEXT, _DESCRIPTION = "aoprecalc", "ImageDescription"
 _DESCRIBED = (".tif", ".tiff", ".jpg", ".jpeg")  # hold no attributes of other names
 
@@ -352,43 +342,3 @@ def _reason(source: Any) -> str:
     except UnicodeDecodeError:  # it quotes bytes of a damaged file
         return "it is damaged"
     return textwrap.shorten(text, 160, placeholder=" ...") or "unknown reason"
-
-
-# The options of a bake that travel with its texture.
-
-
-def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
-    """Return the JSON object of some options; None for no options, and where its text would be longer than MAX_TEXT."""
-    if options is None:
-        return None
-    document = {"schema": OPTIONS_SCHEMA, **asdict(options)}
-    return document if len(_json(document)) <= MAX_TEXT else None
-
-
-def options_text(options: ValueOptions | None) -> str:
-    """Return the text of some options, in ASCII; empty where there is no document."""
-    document = options_document(options)
-    return "" if document is None else _json(document)
-
-
-def read_options(found: object) -> ValueOptions:
-    """Return the options that a text or a JSON object stands for; raises ValueError where it stands for none."""
-    try:
-        text = found if isinstance(found, str) else _json(found)
-        if len(text) > MAX_TEXT:
-            raise ValueError(f"it is longer than {MAX_TEXT} characters")
-        document = json.loads(text)
-        schema = document.pop("schema", None) if isinstance(document, dict) else None
-        if schema != OPTIONS_SCHEMA:
-            raise ValueError(f"its schema is {str(schema)[:20]!a}, {OPTIONS_SCHEMA} was expected")
-        return msgspec.convert(document, ValueOptions)
-    except json.JSONDecodeError as error:
-        raise ValueError("it is not JSON") from error
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
-    except (msgspec.ValidationError, ArgumentError) as error:
-        raise ValueError(f"{str(error)[:120]!a}") from error
-
-
-def _json(document: object) -> str:
-    return json.dumps(document, separators=(",", ":"))

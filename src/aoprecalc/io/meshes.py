@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
+from aoprecalc.io.baked_options import baked_options, baked_triangles
 from aoprecalc.io.formats.archives import ColladaFormat, ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
@@ -22,7 +23,6 @@ from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat
 from aoprecalc.io.formats.usd import UsdFormat
-from aoprecalc.io.images import read_options
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Scene
@@ -264,6 +264,7 @@ class OcclusionTexture:
     warnings  for the user
     options   those that defined the values when they were baked; None where the files do not say
     others    names of the textures that other faces have
+    triangles   how many the mesh had for which it was baked; None where the texture does not say
     """
 
     name: str
@@ -274,6 +275,7 @@ class OcclusionTexture:
     warnings: tuple[str, ...]
     options: ValueOptions | None = None
     others: tuple[str, ...] = ()
+    triangles: int | None = None
 
 
 # How badly a texture fits: from the faces that show it, and the options of its bake.
@@ -374,21 +376,17 @@ class _Stated:
             raise InputError(f"{image.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
         options, damage = self.options_of(image)
         others = () if shown.all() else tuple(other.name for other in self.images if other != image)
-        return OcclusionTexture(image.name, image.path, values, self.uvs, shown, (*warnings, *damage), options, others)
-
-
-def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptions | None, tuple[str, ...]]:
-    """Return the options with which an image was baked, and warnings; None where nothing says them.
-
-    extras   what a mesh's file says of them, as JSON, for an image that carries no text itself; None if nothing
-    """
-    found = image.text() or extras
-    if found is None:
-        return None, ()
-    try:
-        return read_options(found), ()
-    except ValueError as error:
-        return None, (f"{image.name}: the options of its bake cannot be read ({error}); they are not used",)
+        return OcclusionTexture(
+            image.name,
+            image.path,
+            values,
+            self.uvs,
+            shown,
+            (*warnings, *damage),
+            options,
+            others,
+            baked_triangles(image),
+        )
 
 
 def baked_copy(mesh: Path) -> str:

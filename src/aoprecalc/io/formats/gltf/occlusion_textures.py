@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.errors import InputError, counted, one_or_many
+from aoprecalc.io.baked_options import EXTRAS, options_document
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
 from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, material_holders, texture_image, texture_wraps
 from aoprecalc.io.formats.gltf.reader import part_primitive
-from aoprecalc.io.images import EXTRAS, options_document, png_bytes
+from aoprecalc.io.images import png_bytes
 from aoprecalc.options import ValueOptions
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import counted
+from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.archives import inner_path
 from aoprecalc.io.formats.base import (
     MaterialUse,
@@ -41,7 +42,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     texture_info,
 )
 from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references, unknown_extensions
-from aoprecalc.io.images import options_text, read_image
+from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
@@ -174,7 +175,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     messages += notes
     if isinstance(scene.document, GltfDocument):
         messages += _numbers_told(scene.document.json, document)
-    text, packed, shown = options_text(mesh.options), dict[int, OrmImage](), dict[int, int]()
+    text, packed, shown = bake_text(mesh.options, len(scene.faces)), dict[int, OrmImage](), dict[int, int]()
     if mesh.pack == "orm":
         so_far = GltfDocument(source, document, (buffer.data,))
         packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)

@@ -1,0 +1,86 @@
+"""What travels with a baked texture: the options that define its values, and how many triangles its mesh had.
+
+The text of an image (see `images.py`) has it as JSON, in ASCII:
+
+    {"schema": 1, "only": [], ..., "two_sided": true, "ground": true, "up": "y", ..., "triangles": 1234}
+
+glTF's occlusionTexture has the options in its `extras`, as the member "aoprecalc". Neither has paths, times or names of
+machines. What is read is not trusted: its size is bounded, and it is checked as options of the command line.
+"""
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import msgspec
+
+from aoprecalc.errors import ArgumentError
+from aoprecalc.io.formats.files import ImageSource
+from aoprecalc.io.images import MAX_TEXT
+from aoprecalc.options import ValueOptions
+
+OPTIONS_SCHEMA = 1  # version of the JSON
+EXTRAS = "aoprecalc"  # the member of glTF's `extras`
+_TRIANGLES = "triangles"
+
+
+def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
+    """Return the JSON object of some options; None for no options, and where its text would be longer than MAX_TEXT."""
+    if options is None:
+        return None
+    document = {"schema": OPTIONS_SCHEMA, **asdict(options)}
+    return document if len(_json(document)) <= MAX_TEXT - 40 else None  # with room for the triangles
+
+
+def bake_text(options: ValueOptions | None, triangles: int) -> str:
+    """Return the text for the texture of a bake of so many triangles; empty where there is no document."""
+    document = options_document(options)
+    return "" if document is None else _json({**document, _TRIANGLES: triangles})
+
+
+def read_options(found: object) -> ValueOptions:
+    """Return the options that a text or a JSON object stands for; raises ValueError where it stands for none."""
+    try:
+        text = found if isinstance(found, str) else _json(found)
+        if len(text) > MAX_TEXT:
+            raise ValueError(f"it is longer than {MAX_TEXT} characters")
+        document = json.loads(text)
+        schema = document.pop("schema", None) if isinstance(document, dict) else None
+        if schema != OPTIONS_SCHEMA:
+            raise ValueError(f"its schema is {str(schema)[:20]!a}, {OPTIONS_SCHEMA} was expected")
+        return msgspec.convert(document, ValueOptions)
+    except json.JSONDecodeError as error:
+        raise ValueError("it is not JSON") from error
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    except (msgspec.ValidationError, ArgumentError) as error:
+        raise ValueError(f"{str(error)[:120]!a}") from error
+
+
+def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptions | None, tuple[str, ...]]:
+    """Return the options with which an image was baked, and warnings; None where nothing says them.
+
+    extras   what a mesh's file says of them, as JSON, for an image that carries no text itself; None if nothing
+    """
+    found = image.text() or extras
+    if found is None:
+        return None, ()
+    try:
+        return read_options(found), ()
+    except ValueError as error:
+        return None, (f"{image.name}: the options of its bake cannot be read ({error}); they are not used",)
+
+
+def baked_triangles(image: ImageSource) -> int | None:
+    """Return how many triangles the mesh had for which an image was baked; None where the image does not say."""
+    text = image.text()
+    try:
+        read_options(text)
+    except ValueError:
+        return None
+    count = json.loads(text).get(_TRIANGLES)
+    return count if isinstance(count, int) else None
+
+
+def _json(document: object) -> str:
+    return json.dumps(document, separators=(",", ":"))
