@@ -20,6 +20,7 @@ EXTRAS = {
     "compressed": ("DracoPy", "meshoptimizer"),
     "formats": ("lxml", "networkx", "pycollada"),
     "usd": ("usd-core",),
+    "fbx": ("ufbx",),
     "cluster": ("distributed",),
 }
 

@@ -7,10 +7,11 @@ from aoprecalc.types import Atlas
 
 
 def make_atlas(scene, method="xatlas"):
-    """Each face a triangle of its own, in a grid; or the UVs of the scene."""
+    """Each face a triangle of its own, in a grid; or UVs of the scene: "keep" the first set, "keep 1" the second."""
     count = len(scene.faces)
-    if method == "keep":
-        return Atlas("keep", scene.uvs, np.ones(count, dtype=bool), count, uv_set=0)
+    if method.startswith("keep"):
+        uv_set = int(method[4:] or 0)
+        return Atlas("keep", scene.uv_sets[uv_set], np.ones(count, dtype=bool), count, uv_set=uv_set)
     side = int(np.ceil(np.sqrt(count)))
     cells = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)[:, None]
     uvs = (cells + np.array([[0.1, 0.1], [0.9, 0.1], [0.1, 0.9]])) / side

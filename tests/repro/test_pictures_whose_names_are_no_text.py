@@ -8,7 +8,8 @@ import pytest
 from PIL import Image
 
 from aoprecalc.io import load_scene
-from aoprecalc.io.images import channel_count, is_baked, read_opacity, read_pixels, write_image
+from aoprecalc.io.formats.files import ImageSource
+from aoprecalc.io.images import channel_count, is_baked, read_pixels, write_image
 from aoprecalc.io.meshes import base_colors
 from gltf_kit.baked_by_hand import write_with_texture
 
@@ -29,7 +30,7 @@ def folder(tmp_path):
 def test_they_are_images(folder):
     file = folder / NAME
     assert read_pixels(file) * 255 == pytest.approx(PIXELS)
-    assert read_opacity(file, "green") == pytest.approx(np.full((2, 3), 60 / 255))
+    assert ImageSource.of(file).opacity("green") == pytest.approx(np.full((2, 3), 60 / 255))
     assert (channel_count(file), is_baked(file)) == (3, False)
     write_image(folder / "baked.png", np.ones((2, 2), np.float32), text="{}")
     os.rename(folder / "baked.png", file)

@@ -268,13 +268,13 @@ def _read_texture(path: Path, mesh: Path | None) -> _Input:
         except AoprecalcError as error:
             if mesh is not None:
                 raise
-            options, damage = baked_options(ImageSource(str(path), path))
+            options, damage = baked_options(ImageSource.of(path))
             lines = (*damage, f"the whole picture counts, as the mesh beside it cannot be used: {error}")
             return _Input(ComparedTexture(pixels), (path, found), lines, options)
         value = ComparedTexture(pixels, surface.coverage())
         lines = (*surface.warnings, *surface.warning_on_mesh)
         return _Input(value, (path, *source_files(scene)), lines, surface.picture.options)
-    options, damage = baked_options(ImageSource(str(path), path))
+    options, damage = baked_options(ImageSource.of(path))
     return _Input(ComparedTexture(pixels), (path,), damage, options)
 
 

@@ -102,6 +102,7 @@ _USES = {
     "meshoptimizer": "to read glTF meshes compressed with meshopt (its installation needs a C++ compiler)",
     "formats": "to read COLLADA and 3MF",
     "usd": "to read and write USD",
+    "fbx": "to read FBX",
     "cluster": "to share batches among machines",
 }
 

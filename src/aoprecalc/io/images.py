@@ -209,26 +209,23 @@ def read_colors(path: str | PathLike[str]) -> UInt8Array:
     return np.ascontiguousarray(pixels[:, :, :3] if pixels.shape[2] > 2 else pixels[:, :, :1].repeat(3, axis=2))
 
 
-def read_opacity(path: str | PathLike[str], channel: str = "") -> Float32Array | None:
-    """Return one channel of an image as (height, width) float32 in [0, 1]; None where it has no such channel.
+def opacity_of(pixels: Float32Array, channel: str = "") -> Float32Array | None:
+    """Return one channel of (h, w, channels) pixels as (h, w) in [0, 1]; None where they have no such channel.
 
-    channel   red, green, blue, alpha or luminance; empty: alpha where there is one that is not 1 throughout, else
-              luminance
-
-    Raises InputError as `read_pixels` does.
+    channel   red, green, blue, alpha or luminance; transparency is the complement of luminance; empty: alpha where
+              there is one that is not 1 throughout, else luminance
     """
-    if channel == "alpha" and os.path.isfile(path) and channel_count(path) in (1, 3):
-        return None
-    pixels = read_pixels(path)
     channels = pixels.shape[2]
     alpha = np.ascontiguousarray(pixels[:, :, -1]) if channels in (2, 4) else None
     if channel == "alpha" or (not channel and alpha is not None and alpha.min() < 1):
         return alpha
     if channels < 3:
-        return np.ascontiguousarray(pixels[:, :, 0])
-    if channel in _CHANNELS:
+        values = np.ascontiguousarray(pixels[:, :, 0])
+    elif channel in _CHANNELS:
         return np.ascontiguousarray(pixels[:, :, _CHANNELS.index(channel)])
-    return np.asarray(pixels[:, :, :3] @ _LUMINANCE, np.float32)
+    else:
+        values = np.asarray(pixels[:, :, :3] @ _LUMINANCE, np.float32)
+    return 1 - values if channel == "transparency" else values
 
 
 def channel_count(path: str | PathLike[str]) -> int:

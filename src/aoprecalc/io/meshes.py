@@ -17,6 +17,7 @@ from aoprecalc.io.baked_options import baked_options, baked_triangles
 from aoprecalc.io.formats.archives import ColladaFormat, ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
+from aoprecalc.io.formats.fbx import FbxFormat
 from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file, text_as_utf8
 from aoprecalc.io.formats.geometry_formats import OffFormat, StlFormat
 from aoprecalc.io.formats.gltf import GltfFormat
@@ -36,6 +37,7 @@ _UNPACKED: tuple[MeshFormat, ...] = (
     ColladaFormat(),
     ThreeMfFormat(),
     UsdFormat(),
+    FbxFormat(),
 )
 FORMATS = (*_UNPACKED, ZipFormat(_UNPACKED, lambda file: load_scene(file)))
 
@@ -303,9 +305,9 @@ def find_occlusion(
         return OcclusionTexture("texture", None, texture, stated.uvs, np.ones(len(stated.uvs), bool), ())
     if texture is not None:
         same = (image for image in stated.images if same_file(image.path, texture))
-        return stated.read(next(same, ImageSource(str(texture), texture)))
+        return stated.read(next(same, ImageSource.of(texture)))
     beside = scene.path.with_suffix(".png")
-    images = stated.images or ([ImageSource(str(beside), beside)] if beside.is_file() else [])
+    images = stated.images or ([ImageSource.of(beside)] if beside.is_file() else [])
     if not images:
         advice = baked_copy(scene.path) or "pass one with --texture"
         raise NoOcclusionError(

@@ -212,26 +212,28 @@ class SourceMaterial:
 
     placement        of its textures
     opacity          0 to 1
-    opacity_map      the file that it is multiplied by: `texture`, for its alpha, or another; None where it has none
-    opacity_channel  of that file: see `read_opacity`
+    opacity_map      the image that it is multiplied by: `texture`, for its alpha, or another; None where it has none
+    opacity_channel  of that image: see `opacity_of`
     alpha_mode       MASK: holes where the opacity map is below 0.5
     emission         the colour that it emits, as `color`
     roughness        0 to 1
     metalness        0 to 1
+    double_sided     its back is drawn, too
     left_out         what else it has and glTF does not get, for a warning
     """
 
     name: str
     color: tuple[float, float, float] = WHITE
-    texture: Path | None = None
+    texture: ImageSource | None = None
     placement: Placement = field(default_factory=Placement)
     opacity: float = 1.0
-    opacity_map: Path | None = None
+    opacity_map: ImageSource | None = None
     opacity_channel: str = ""
     alpha_mode: AlphaMode = "OPAQUE"
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     roughness: float = 1.0
     metalness: float = 0.0
+    double_sided: bool = False
     left_out: tuple[str, ...] = ()
 
     @property

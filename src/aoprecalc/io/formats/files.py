@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Self
 from urllib.parse import unquote
 
 import numpy as np
@@ -23,6 +24,7 @@ from aoprecalc.io.images import (
     decode_colors,
     decode_pixels,
     decode_text,
+    opacity_of,
     read_colors,
     read_pixels,
     read_text,
@@ -231,9 +233,29 @@ class ImageSource:
     path: Path | None = None
     data: bytes = field(default=b"", repr=False, compare=False)
 
+    @classmethod
+    def of(cls, path: Path) -> Self:
+        """Return the image of a file."""
+        return cls(str(path), path)
+
+    @property
+    def file_name(self) -> str:
+        """The name of its file, or of one that could hold it."""
+        return PurePosixPath(self.name.replace("\\", "/").rstrip("]")).name if self.path is None else self.path.name
+
     def pixels(self) -> Float32Array:
         """Return the stored values, (height, width, channels) float32; raises InputError where it cannot be read."""
         return decode_pixels(self.data, self.name) if self.path is None else read_pixels(self.path)
+
+    def content(self) -> bytes:
+        """Return the bytes of its file; raises OSError where it cannot be read."""
+        return self.data if self.path is None else read_file(self.path)
+
+    def opacity(self, channel: str = "") -> Float32Array | None:
+        """Return one channel as an opacity, see `opacity_of`; raises InputError where the image cannot be read."""
+        if channel == "alpha" and self.path is not None and channel_count(self.path) in (1, 3):
+            return None
+        return opacity_of(self.pixels(), channel)
 
     def first_channel(self) -> Float32Array:
         """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""

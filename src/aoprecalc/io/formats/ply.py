@@ -137,7 +137,11 @@ def read_ply(path: Path, data: bytes) -> Scene:
     messages: list[str] = [*lost_faces(polygons.counts)]
     if len(textures) > 1 and len(np.unique(face_columns.get(_TEXTURE_NUMBER, ()))) > 1:
         messages.append(f"its faces have {len(textures)} textures: only {textures[0].name} reaches a GLB or a preview")
-    shown = {textures[0].stem: SourceMaterial(textures[0].stem, texture=textures[0])} if textures and uv_sets else {}
+    shown = (
+        {textures[0].stem: SourceMaterial(textures[0].stem, texture=ImageSource.of(textures[0]))}
+        if textures and uv_sets
+        else {}
+    )
     document = PlyDocument(
         polygons,
         shown,
@@ -347,7 +351,7 @@ class PlyFormat(MeshFormat):
         """Return the texture that was baked, else the last one of the PLY."""
         document = _document(scene)
         path = document.occlusion or next(reversed(document.textures), None)
-        image = None if path is None else ImageSource(str(path), path)
+        image = None if path is None else ImageSource.of(path)
         return PartOcclusion(image, first_uvs(scene, part), stated=False)
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
@@ -355,7 +359,7 @@ class PlyFormat(MeshFormat):
         document, colors = _document(scene), source_colors(scene)
         file, texture = next(iter(document.textures), None), None
         if file is not None and scene.uvs is not None and not same_file(file, occlusion):
-            texture = images.get(ImageSource(str(file), file))
+            texture = images.get(ImageSource.of(file))
         return tuple(
             BaseColor(
                 texture=texture,

@@ -196,6 +196,19 @@ def polygon_triangles(counts: Int64Array, vertices: Int64Array, positions: Point
     return np.concatenate(triangles)[order], owner[order]
 
 
+def corner_order(counts: Int64Array, turned: bool) -> Int64Array:
+    """Return the face corner at each polygon corner: the same or, turned, from the first of each face backwards.
+
+    counts   (p,) corners of each face
+    """
+    order = np.arange(counts.sum())
+    if not turned:
+        return order
+    starts = np.repeat(np.cumsum(counts) - counts, counts)
+    result: Int64Array = starts + (starts - order) % np.repeat(counts, counts)
+    return result
+
+
 def lost_faces(counts: Int64Array) -> tuple[str, ...]:
     """Return a warning about polygons without an area, of (p,) corner counts, if there are any."""
     lost = int(np.count_nonzero(counts < 3))

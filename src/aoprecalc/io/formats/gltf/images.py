@@ -13,12 +13,12 @@ import numpy as np
 
 from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.base import Placement, SourceMaterial
-from aoprecalc.io.formats.files import read_file
+from aoprecalc.io.formats.files import ImageSource, read_file
 from aoprecalc.io.formats.gltf.document import BINARY_EXTENSIONS, Json, data_uri, is_misnamed, local_file
 from aoprecalc.io.formats.gltf.materials import TRANSFORM
 from aoprecalc.io.formats.gltf.occlusion_textures import OrmImage
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry
-from aoprecalc.io.images import png_bytes, quantize, read_image, read_opacity, read_pixels
+from aoprecalc.io.images import png_bytes, quantize, read_image
 from aoprecalc.io.outputs import Outputs, relative_uri
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import srgb_from_linear
@@ -113,7 +113,7 @@ def add_base_textures(
         more = f" and {len(lost) - _MAX_NAMES} more" if len(lost) > _MAX_NAMES else ""
         found = f"what else the materials of {source.name} have is left out: {', '.join(lost[:_MAX_NAMES])}{more}"
         warnings.append(f"{path}: {found}")
-    images: dict[tuple[Path | None, Path | None, str], int] = {}
+    images: dict[tuple[ImageSource | None, ImageSource | None, str], int] = {}
     stay = path.parent.resolve() == source.parent.resolve()
     for index, material in materials.items():
         blends = material.alpha_mode != "OPAQUE" and material.opacity_map not in (None, material.texture)
@@ -122,14 +122,14 @@ def add_base_textures(
             continue
         if key not in images:
             try:
-                file, data = _base_picture(*key)
+                file, data, made = _base_picture(*key)
             except InputError as error:
                 name = document["materials"][index]["name"]
                 warnings.append(f"{path}: the material {name!a} is written without its picture: {error}")
                 continue
-            if file not in (material.texture, material.opacity_map):
-                converted |= dict.fromkeys(picture.name for picture in key[:2] if isinstance(picture, Path))
-            if not _embeds(path) and not (stay and file in key):
+            if made:
+                converted |= dict.fromkeys(picture.file_name for picture in key[:2] if picture is not None)
+            if not _embeds(path) and (made or not (stay and _is_file(key[0]))):
                 file = outputs.free_path(path.with_name(file.name), data, (path, buffer_file(path)))
                 outputs.path(file).write_bytes(data)
             images[key] = add_entry(document, "images", _image(path, buffer, file, data))
@@ -140,19 +140,28 @@ def add_base_textures(
     return (*warnings, Note(f"{path}: glTF holds PNG and JPEG, so that PNGs are made of {names}"))
 
 
-def _base_picture(color: Path | None, opacity: Path | None, channel: str) -> tuple[Path, bytes]:
-    """Return the PNG or JPEG of a colour and an opacity, and a path with its name; raises InputError."""
-    file = color or opacity
-    assert file is not None
+def _base_picture(color: ImageSource | None, opacity: ImageSource | None, channel: str) -> tuple[Path, bytes, bool]:
+    """Return a path with a name for the PNG or JPEG of a colour and an opacity, its bytes, and whether it is new.
+
+    Raises InputError where an image cannot be read.
+    """
+    image = color or opacity
+    assert image is not None
+    file = image.path or Path(image.file_name)
     if color is not None and opacity is None:
-        read_pixels(color)  # a damaged file is no picture for glTF
-        if _mime_type(data := read_file(color)) in ("image/png", "image/jpeg"):
-            return color, data
-    alpha = None if opacity is None else read_opacity(opacity, channel)
-    return file.with_name(f"{file.stem}.png" if opacity is None else f"{file.stem}_alpha.png"), _color_png(color, alpha)
+        color.pixels()  # a damaged file is no picture for glTF
+        if _mime_type(data := color.content()) in ("image/png", "image/jpeg"):
+            return file, data, False
+    alpha = None if opacity is None else opacity.opacity(channel)
+    name = f"{file.stem}.png" if opacity is None else f"{file.stem}_alpha.png"
+    return file.with_name(name), _color_png(color, alpha), True
 
 
-def _color_png(color: Path | None, opacity: Float32Array | None = None) -> bytes:
+def _is_file(image: ImageSource | None) -> bool:
+    return image is not None and image.path is not None
+
+
+def _color_png(color: ImageSource | None, opacity: Float32Array | None = None) -> bytes:
     """Return an 8-bit PNG in sRGB of the colours of an image, and of its alpha or another one.
 
     color     floats of formats such as EXR count as linear; None: white
@@ -162,8 +171,8 @@ def _color_png(color: Path | None, opacity: Float32Array | None = None) -> bytes
     """
     from PIL import Image
 
-    pixels = np.ones((1, 1, 3), np.float32) if color is None else read_pixels(color)
-    if color is not None and color.suffix.lower() in _LINEAR:
+    pixels = np.ones((1, 1, 3), np.float32) if color is None else color.pixels()
+    if color is not None and color.name.lower().endswith(_LINEAR):
         pixels[:, :, :3] = srgb_from_linear(pixels[:, :, :3])
     if pixels.shape[2] < 3:  # grey
         pixels = np.concatenate([pixels[:, :, :1].repeat(3, axis=2), pixels[:, :, 1:]], axis=2)

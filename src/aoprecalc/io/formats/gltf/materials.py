@@ -86,7 +86,7 @@ def texture_image(document: GltfDocument, index: int) -> ImageSource:
     if image["uri"].startswith("data:"):
         return ImageSource(name, data=data_uri(document.path, image["uri"]))
     file = local_file(document.path, image["uri"])
-    return ImageSource(name) if file is None else ImageSource(str(file), file)
+    return ImageSource(name) if file is None else ImageSource.of(file)
 
 
 def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:

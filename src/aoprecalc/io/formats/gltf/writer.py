@@ -79,7 +79,7 @@ def new_document(
             json["materials"].append(_material(names[use], material, textured=bool(material.texture and scene.uv_sets)))
             sources[materials[use]] = material
 
-        own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set is None else []
+        own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set != 0 else []
         uv_sets = [*own, *new] if material.pictured else [*new, *own]
         primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets, colors)
         if use[1]:
@@ -147,6 +147,8 @@ def _material(name: str, material: SourceMaterial, *, textured: bool) -> Json:
         made["emissiveFactor"] = linear_from_srgb(np.array(material.emission)).tolist()
     if material.alpha_mode != "OPAQUE":
         made["alphaMode"] = material.alpha_mode
+    if material.double_sided:
+        made["doubleSided"] = True
     return made
 
 

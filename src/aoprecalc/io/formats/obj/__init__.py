@@ -74,7 +74,7 @@ class ObjFormat(MeshFormat):
         """Return map_Ka of the part's material, else its map_Kd."""
         material: MtlMaterial | None = _document(scene).materials.get(material_use(part)[0] or "")
         path = None if material is None else material.occlusion
-        image = None if path is None else ImageSource(str(path), path)
+        image = None if path is None else ImageSource.of(path)
         return PartOcclusion(image, first_uvs(scene, part), stated=False)
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:

@@ -7,10 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import WHITE, AlphaMode, Placement, SourceMaterial
+from aoprecalc.io.formats.base import WHITE, Placement, SourceMaterial
 from aoprecalc.io.formats.files import (
     ColorImages,
     FileSearch,
@@ -20,11 +17,10 @@ from aoprecalc.io.formats.files import (
     read_utf8,
     same_file,
 )
-from aoprecalc.io.images import is_baked, read_opacity
+from aoprecalc.io.formats.materials import ExaminedMaterial, base_color, examine
+from aoprecalc.io.images import is_baked
 from aoprecalc.io.outputs import relative_path
-from aoprecalc.progress import Note
-from aoprecalc.texture_lookup import repeating_texture
-from aoprecalc.types import AlphaMask, BaseColor, Float32Array, Float64Array, Material
+from aoprecalc.types import BaseColor, Float32Array, Float64Array
 
 # Statements that name a texture file.
 _MAP = re.compile(r"(map_|bump|disp|decal|refl|norm)", re.IGNORECASE)
@@ -37,8 +33,6 @@ _WORDS = {
 }  # fmt: skip
 _UP_TO = {"-o": 3, "-s": 3, "-t": 3}
 _PLAIN = Placement()
-_OPAQUE = 15 / 16  # opacities from here on count as 1, those below its complement as 0
-_CUTOFF = 0.5
 _CHANNELS = {"r": "red", "g": "green", "b": "blue", "m": "alpha", "l": "luminance"}
 
 
@@ -117,14 +111,8 @@ class MtlMaterial(SourceMaterial):
 
         corners   the colours of the vertices
         """
-        if self.texture is None or same_file(self.texture, occlusion) or uvs is None:
-            return BaseColor(self.factor(textured=False), corners=corners)
-        texture = images.get(ImageSource(str(self.texture), self.texture))
-        if texture is None:
-            return BaseColor(self.factor(textured=False), corners=corners)
-        wraps = (self.placement.wrap, self.placement.wrap)
-        texture, uvs = repeating_texture(texture, self.placement.transform(uvs), wraps)
-        return BaseColor(self.factor(textured=True), texture, uvs, corners)
+        is_occlusion = self.texture is not None and same_file(self.texture.path, occlusion)
+        return base_color(self, None if is_occlusion else uvs, images, corners)
 
 
 def library_files(search: FileSearch, statements: Iterable[str]) -> tuple[Path, ...]:
@@ -188,14 +176,18 @@ def _material(search: FileSearch, name: str, texts: Sequence[str]) -> MtlMateria
     made = replace(made, left_out=tuple(what for used in made.maps for what in used.left_out))
     diffuse, ambient, holes = (made.map(keyword) for keyword in ("map_kd", "map_ka", "map_d"))
     if diffuse is not None:
-        made = replace(made, texture=diffuse.file, placement=diffuse.placement, occlusion=diffuse.file)
+        made = replace(made, texture=_image(diffuse), placement=diffuse.placement, occlusion=diffuse.file)
     if ambient is not None:
         made = replace(made, occlusion=ambient.file)
     if holes is not None and holes.found:
         itself = diffuse is not None and same_file(holes.file, diffuse.file)  # whose luminance is no opacity
-        made = replace(made, opacity_map=holes.file, opacity_channel=holes.channel or ("alpha" if itself else ""))
+        made = replace(made, opacity_map=_image(holes), opacity_channel=holes.channel or ("alpha" if itself else ""))
         return made if diffuse is not None else replace(made, placement=holes.placement)
-    return made if diffuse is None else replace(made, opacity_map=diffuse.file, opacity_channel="alpha")
+    return made if diffuse is None else replace(made, opacity_map=_image(diffuse), opacity_channel="alpha")
+
+
+def _image(named: TextureMap) -> ImageSource | None:
+    return None if named.file is None else ImageSource.of(named.file)
 
 
 def _fraction(words: Sequence[str], default: float) -> float:
@@ -212,70 +204,27 @@ def _opacity(values: Mapping[str, Sequence[str]]) -> float:
     return 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class ExaminedMaterial:
-    """A material whose pictures were looked at, and its opacity map, (h, w) float32, if it has one.
-
-    messages   for the user
-    """
-
-    material: MtlMaterial
-    opacity: Float32Array | None = None
-    messages: tuple[str, ...] = ()
-
-    def at(self, uvs: Float64Array | None) -> Material:
-        """Return what matters to visibility, of faces with (n, 3, 2) UVs."""
-        made = self.material
-        if made.alpha_mode == "MASK" and self.opacity is not None and uvs is not None:
-            wraps = (made.placement.wrap, made.placement.wrap)
-            mask = AlphaMask(self.opacity, made.placement.transform(uvs), np.ones(uvs.shape[:2]), _CUTOFF, wraps)
-            return Material(alpha_mask=mask)
-        return Material(transparent=made.alpha_mode == "BLEND")
-
-
-def examine(material: MtlMaterial) -> ExaminedMaterial:
+def examine_maps(material: MtlMaterial) -> ExaminedMaterial[MtlMaterial]:
     """Look at the pictures of a material: which is a baked texture, and what its opacity makes of it.
 
-    An opacity below 1 blends. A map_d with more texels that are holes than texels between is a mask, else it blends.
-    The alpha of map_Kd, which programs use for other things too, is taken as a mask only. A baked texture is no colour.
+    A baked texture is no colour.
     """
     label, messages = f"the material {material.name!a}", list[str]()
-    if material.texture is not None and is_baked(material.texture):
-        itself = same_file(material.opacity_map, material.texture)
+    if material.texture is not None and material.texture.path is not None and is_baked(material.texture.path):
+        itself = material.opacity_map == material.texture
         material = replace(material, texture=None, opacity_map=None if itself else material.opacity_map)
-    if material.opacity == 0:
-        messages.append(f"{label} has an opacity of 0 (d 0 or Tr 1), which would hide it: it is taken as opaque")
-        material = replace(material, opacity=1.0)
-    whole = replace(material, opacity_map=None, alpha_mode="BLEND" if material.opacity < 1 else "OPAQUE")
     diffuse, holes = material.map("map_kd"), material.map("map_d")
+    own_alpha = holes is None or not holes.found
     if holes is not None and not holes.found:
         messages.append(f"{label} is taken as opaque where its map_d says: {holes.name!a} is not there")
-    file, own = material.opacity_map, holes is None or not holes.found
-    if file is None or (own and not os.path.isfile(file)):
-        return ExaminedMaterial(whole, messages=tuple(messages))
-    if diffuse is not None and holes is not None and not own and diffuse.placement != holes.placement:
+    if own_alpha and (diffuse is None or not diffuse.found):
+        material = replace(material, opacity_map=None)
+    elif diffuse is not None and holes is not None and not own_alpha and diffuse.placement != holes.placement:
         messages.append(f"{label} places its map_d and its map_Kd differently: map_d is left out")
-        return ExaminedMaterial(whole, messages=tuple(messages))
-    try:
-        opacity = read_opacity(file, material.opacity_channel)
-    except InputError as error:
-        if not own:  # else it is told where the colours are read
-            messages.append(f"{label} is taken as opaque: {error}")
-        return ExaminedMaterial(whole, messages=tuple(messages))
-    if opacity is None or opacity.min() >= _OPAQUE:
-        return ExaminedMaterial(whole, messages=tuple(messages))
-    is_hole, is_whole = opacity < 1 - _OPAQUE, opacity >= _OPAQUE
-    between = np.count_nonzero(~is_hole & ~is_whole)
-    is_mask = between <= np.count_nonzero(is_hole) < is_hole.size and material.opacity == 1
-    if own and not is_mask:
-        messages.append(
-            f"{label}: the alpha of {file.name} is no mask and not used; map_d {file.name} would make it so"
-        )
-        return ExaminedMaterial(whole, messages=tuple(messages))
-    if own:
-        messages.append(Note(f"{label}: the alpha of {file.name} cuts holes into it"))
-    mode: AlphaMode = "MASK" if is_mask else "BLEND"
-    return ExaminedMaterial(replace(material, alpha_mode=mode), opacity, tuple(messages))
+        material = replace(material, opacity_map=None)
+    name = material.opacity_map.file_name if material.opacity_map else ""
+    examined = examine(material, own_alpha=own_alpha, advice=f"map_d {name} would make it so")
+    return replace(examined, messages=(*messages, *examined.messages))
 
 
 def _line(search: FileSearch, text: str) -> str | TextureMap:

@@ -19,7 +19,7 @@ from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.files import FileSearch
 from aoprecalc.io.formats.obj.materials import (
     MtlMaterial,
-    examine,
+    examine_maps,
     joined_lines,
     library_files,
     material_files,
@@ -110,7 +110,7 @@ def read_obj(path: Path, data: bytes) -> Scene:
     used = dict.fromkeys(section.material for section, _, _ in sections if section.material is not None)
     if libraries and (unknown := [name for name in used if name not in materials]):
         messages.append(_unknown_materials(unknown, libraries))
-    examined = {name: examine(materials[name]) for name in used if name in materials}
+    examined = {name: examine_maps(materials[name]) for name in used if name in materials}
     for name, found in examined.items():
         materials[name] = found.material
         messages += found.messages

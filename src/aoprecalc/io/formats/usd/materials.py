@@ -179,8 +179,6 @@ class UsdMaterials:
         red, green, blue = srgb_from_linear(np.clip(color.factor if color else look.color, 0, 1)).tolist()
         left_out = [f"the texture of {name}" for name in look.others]
         glow_red, glow_green, glow_blue = srgb_from_linear(np.clip(look.emission, 0, 1)).tolist()
-        if any(use is not None and use.image.path is None for use in (color, opacity)):
-            left_out.append("textures inside the .usdz")
         mode: AlphaMode = "OPAQUE"
         if opacity is not None:
             values = self._opacity(look)
@@ -188,7 +186,7 @@ class UsdMaterials:
                 mode = "MASK" if look.threshold > 0 else "BLEND"
         elif look.opacity < 1 and look.threshold <= 0:
             mode = "BLEND"
-        texture = None if color is None else color.image.path
+        texture = None if color is None else color.image
         placement = Placement()
         if color is not None:
             (a, b, u), (c, d, v) = color.matrix.tolist()
@@ -201,7 +199,7 @@ class UsdMaterials:
             texture,
             placement,
             look.opacity if mode == "BLEND" else 1.0,
-            None if mode == "OPAQUE" or opacity is None else opacity.image.path,
+            None if mode == "OPAQUE" or opacity is None else opacity.image,
             {"a": "alpha", "r": "red", "g": "green", "b": "blue"}.get(opacity.channel, "") if opacity else "",
             mode,
             emission=(glow_red, glow_green, glow_blue),
@@ -291,6 +289,6 @@ class UsdMaterials:
         if not asset.resolvedPath:
             return ImageSource(asset.path, self._path.parent / asset.path)
         if not Ar.IsPackageRelativePath(asset.resolvedPath):
-            return ImageSource(asset.resolvedPath, Path(asset.resolvedPath))
+            return ImageSource.of(Path(asset.resolvedPath))
         opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
         return ImageSource(asset.resolvedPath, None, bytes(opened.GetBuffer()) if opened else b"")
