@@ -62,7 +62,7 @@ def test_obj_keeps_its_groups_and_materials(cube_obj, bake):
     assert [part.name for part in back.parts] == ["half 0", "half 2"]
     assert [part.source.material for part in back.parts] == ["paint 0", "paint 2"]
     assert set(back.document.materials) == {"paint 0", "paint 2"}
-    assert all(material.texture == path.with_name("x_ao.png") for material in back.document.materials.values())
+    assert all(material.texture.path == path.with_name("x_ao.png") for material in back.document.materials.values())
     assert "map_Kd x_ao.png" in path.with_suffix(".mtl").read_text()
 
 

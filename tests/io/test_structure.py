@@ -335,7 +335,7 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     assert "the ambient textures (map_Ka) of 1 material were replaced" in warnings[0]
     back = load_scene(path)
     assert back.document.materials["paint"].occlusion == path.with_name("x_ao.png")
-    assert back.document.materials["paint"].texture.read_bytes() == (tmp_path / "bricks.png").read_bytes()
+    assert back.document.materials["paint"].texture.content() == (tmp_path / "bricks.png").read_bytes()
 
 
 def test_pictures_that_no_receiver_shows_leave_an_obj_what_it_is(painted, save):
