@@ -8,6 +8,8 @@ import pytest
 import trimesh
 
 import aoprecalc as ao
+from aoprecalc.api.reports import PointError, position_texts
+from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
 from aoprecalc.io.images import read_pixels
 from aoprecalc.mesh.surface import local_origin
@@ -130,3 +132,25 @@ def test_a_binary_stl_far_away_is_told_to_be_coarse(tmp_path):
         trimesh.Trimesh(STOOL[0] + away, STOOL[1], process=False).export(path)
         warnings = load_scene(path).warnings
         assert any("float32" in line and "0.5 units" in line for line in warnings) == warned
+
+
+@pytest.mark.parametrize("far", [0.0, 500_000.0, -4.6e6, 1e9])
+def test_points_are_named_in_digits_that_tell_them_apart(far):
+    places = np.random.default_rng(0).random((10, 3))
+    points = [PointError(tuple((place + far).tolist()), (0.0, 0.0), 0.0, 0.0, 0.0) for place in places]
+    named = np.array(position_texts(points), float) - far
+    assert np.abs(named - places).max() < 1e-3
+    (alone,) = np.array(position_texts(points[:1]), float) - far
+    assert np.abs(alone - places[0]).max() < 1e-2
+
+
+def test_short_numbers_stay_short():
+    points = [PointError(place, (0.0, 0.0), 0.0, 0.0, 0.0) for place in ((0.0, 1 / 3, 1.0), (2.0, 0.5, 0.0))]
+    assert position_texts(points) == [("0", "0.3333", "1"), ("2", "0.5", "0")]
+    assert position_texts([]) == []
+
+
+def test_a_position_that_is_not_finite_is_named_in_full(tmp_path):
+    (tmp_path / "a.obj").write_text("v 500000.125 4600000.25 nan\nv 0 0 0\nv 1 0 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"such as \(500000\.125, 4600000\.25, nan\)"):
+        load_scene(tmp_path / "a.obj")

@@ -47,6 +47,11 @@ from aoprecalc.render.simplification import NotSimplifiedError
 from aoprecalc.render.view_geometry import view_geometry
 from aoprecalc.types import Float32Array, Float64Array, Picture, TexturedMesh
 
+_NO_VIEWER = (
+    "Still pictures: this installation was built without three.js, which the 3D view needs. In a checkout, "
+    "scripts/setup-viewer adds it (with node and npm); released wheels have it."
+)
+
 
 @dataclass(frozen=True, eq=False)
 class ReadAsset:
@@ -100,7 +105,7 @@ def asset_page(read: ReadAsset, budget: Budget, *, interactive: bool = False) ->
     """Return what the page tells of an asset; `interactive`: with a 3D view."""
     asset, bake, verify = read.files, read.files.bake, read.files.verify
     pictures = _pictures(read, budget)
-    view, view_note = _view(read, budget) if interactive else (None, "Still pictures: three.js is not installed here.")
+    view, view_note = _view(read, budget) if interactive else (None, _NO_VIEWER)
     batched = asset.batched
     warnings = [*(bake.warnings if bake else ()), *(verify.warnings if verify else ())]
     warnings += batched.summary.warnings if batched is not None and batched.summary is not None else ()
@@ -269,7 +274,9 @@ def _missing(read: ReadAsset) -> list[str]:
     elif read.mesh is None:
         lines.append("There is no mesh beside the texture: its charts are not known, and padding and fill count too.")
     if read.ao is not None and asset.bake is None:
-        lines.append("There is no report of the bake, which tells what was chosen: bake with --report.")
+        lines.append(
+            "There is no report of the bake, so neither what was chosen nor its warnings are known: bake with --report."
+        )
     if read.ao is not None and read.mesh is not None and not verified_levels(asset.bake, asset.verify):
         lines.append("Nobody has measured the texture: aoprecalc verify MESH --report FILE --heat-map FILE.")
     if asset.others:

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from aoprecalc.api.compare import CompareReport, compare
 from aoprecalc.api.report_assets import AssetFiles
-from aoprecalc.api.reports import BakeReport, LevelErrors, PointError
+from aoprecalc.api.reports import BakeReport, LevelErrors, PointError, position_texts
 from aoprecalc.api.sphere_quality import MEASURES, SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.errors import AoprecalcError, ArgumentError, counted, option_name
@@ -77,9 +77,9 @@ def error_tables(bake: BakeReport | None, verify: VerifyReport | None) -> list[T
     tables = [Table("errors", "Errors against ray tracing, by mip level", levels_head, rows, numbers=True)]
     if worst:
         points = tuple(
-            (", ".join(f"{x:.4g}" for x in point.position), ", ".join(f"{x:.4f}" for x in point.uv))
+            (", ".join(position), ", ".join(f"{x:.4f}" for x in point.uv))
             + tuple(f"{value:.4f}" for value in (point.value, point.reference, point.error))
-            for point in worst
+            for point, position in zip(worst, position_texts(worst), strict=True)
         )
         head = ("Position", "UV", "Texture", "Reference", "Error")
         tables.append(Table("worst", "Points of greatest error", head, points, numbers=True))

@@ -3,6 +3,8 @@
 Numbers are rounded as the documents show them.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -72,6 +74,9 @@ class LevelErrors(Report):
     max: float
 
 
+_DIGITS, _MAX_DIGITS = 4, 15  # of a coordinate: over the extent of the points, and at most
+
+
 @dataclass(frozen=True)
 class PointError(Report):
     """One surface point: position in the mesh's units, UV (v upwards), texture value, reference, their difference."""
@@ -81,6 +86,19 @@ class PointError(Report):
     value: float
     reference: float
     error: float
+
+
+def position_texts(points: Sequence[PointError]) -> list[tuple[str, ...]]:
+    """Return the coordinates of points in digits that tell their places apart, also far away from the origin."""
+    columns = list(zip(*(point.position for point in points), strict=True))
+    extent = max((max(column) - min(column) for column in columns), default=0.0)
+    farthest = max((abs(number) for column in columns for number in column), default=0.0)
+    digits = _DIGITS
+    if 0 < extent < farthest:
+        digits = min(_DIGITS + math.ceil(math.log10(farthest / extent)), _MAX_DIGITS)
+    elif len(points) == 1:
+        digits = _MAX_DIGITS
+    return [tuple(f"{number:.{digits}g}" for number in point.position) for point in points]
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,8 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
 
 def _table(report: "VerifyReport") -> list[str]:
     """Lay out what was measured: a line for each mip level, and one for each of the worst points."""
+    from aoprecalc.api.reports import position_texts
+
     names = ("rmse", "bias", "p50", "p95", "p99", "max")
     texture, mesh = report.texture.path, report.input.path
     image = texture.removesuffix(f" of {mesh}")
@@ -73,10 +75,11 @@ def _table(report: "VerifyReport") -> list[str]:
     for level in report.levels:
         numbers = "".join(f"{getattr(level, name):{'+' if name == 'bias' else ''}9.4f}" for name in names)
         lines.append(f"{level.level:5}{numbers}")
-    if report.worst:
-        lines.append("worst at  " + f"{'position':<36}{'UV':<18}{'texture':>8}{'reference':>11}")
-    for point in report.worst:
-        position = " ".join(f"{number:11.5g}" for number in point.position)
-        u, v = point.uv
-        lines.append(f"{'':8}{position}  {u:7.4f} {v:7.4f}  {point.value:8.3f}{point.reference:11.3f}")
+    positions = position_texts(report.worst)
+    width = max((len(text) for position in positions for text in position), default=0) + 1
+    if positions:
+        lines.append("worst at  " + f"{'position':<{3 * width}}{'UV':<18}{'texture':>8}{'reference':>11}")
+    for point, position in zip(report.worst, positions, strict=True):
+        place, (u, v) = "".join(text.rjust(width) for text in position), point.uv
+        lines.append(f"{'':10}{place}  {u:7.4f} {v:7.4f}{point.value:8.3f}{point.reference:11.3f}")
     return lines

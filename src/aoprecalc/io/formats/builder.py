@@ -142,7 +142,7 @@ def _check_positions(label: str, positions: Float64Array) -> None:
             )
         return
     bad = np.count_nonzero(wrong)
-    example = ", ".join(f"{number:g}" for number in positions[wrong][0])
+    example = ", ".join(f"{number:.9g}" for number in positions[wrong][0])
     raise InputError(
         f"{label}: {bad} of {counted(len(positions), 'position')} {one_or_many(bad, 'is', 'are')} not finite or of no "
         f"usable size, such as ({example}); repair or export the model again"
