@@ -71,9 +71,9 @@ class BakeResult:
         ----------
         output : str or path-like
             What is written, by the extension. An image ({images}): the texture; the mesh is beside it under the same
-            stem. A mesh ({baked meshes}): the mesh; a .glb has the texture inside, the others have it beside them as
-            ``<stem>_ao.png``, or ``<stem>.png`` where the stem ends in ``_ao``. A folder, which exists or whose
-            name ends in a slash: then it is made, and the texture in it is ``<name>_ao.png``.
+            stem. A mesh ({baked meshes}): the mesh; a .glb or .usdz has the texture inside, the others
+            have it beside them as ``<stem>_ao.png``, or ``<stem>.png`` where the stem ends in ``_ao``. A folder, which
+            exists or whose name ends in a slash: then it is made, and the texture in it is ``<name>_ao.png``.
         mesh_output : str or path-like, optional
             The mesh, its format by the extension, or a folder, where `output` is the texture.
         report : str or path-like, optional

@@ -89,7 +89,8 @@ def load_scene(path: str | PathLike[str]) -> Scene:
 def read_scene(path: Path, data: bytes) -> Scene:
     """Read a mesh file of the given bytes, as `load_scene` does.
 
-    path   need not exist; its extension names the format, and its folder has the files that the mesh refers to
+    path   its extension names the format, and its folder has the files that the mesh refers to; need not exist, but for
+           USD, which opens it again
     """
     mesh_format, data = format_of(path), text_as_utf8(data)
     try:
@@ -176,6 +177,11 @@ def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none") -> None
         raise ArgumentError(
             "pack", f"is orm, which needs .gltf or .glb, but the mesh is {path}; omit it, or write one of these"
         )
+
+
+def check_mesh_source(path: Path, scene: Scene) -> None:
+    """Raise UsageError where a scene cannot be written as the format that a path names."""
+    format_of(path).check_source(path, scene)
 
 
 def write_baked_mesh(

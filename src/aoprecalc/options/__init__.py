@@ -82,7 +82,9 @@ MESH_EXTENSIONS = (  # read
     ".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".vrm", ".dae", ".zae", ".3mf", ".usd", ".usda", ".usdc", ".usdz",
     ".zip",
 )  # fmt: skip
-BAKED_MESH_EXTENSIONS = (".obj", ".ply", ".gltf", ".glb", ".vrm")  # written, with the UVs of a bake
+BAKED_MESH_EXTENSIONS = (  # written, with the UVs of a bake
+    ".obj", ".ply", ".gltf", ".glb", ".vrm", ".usd", ".usda", ".usdc", ".usdz",
+)  # fmt: skip
 SPHERE_EXTENSIONS = (".json", ".csv", ".npz", ".ply", ".obj", ".glb", ".yml", ".yaml", ".urdf", ".usda")
 
 Documented = TypeVar("Documented", bound=Callable[..., Any])

@@ -18,6 +18,7 @@ from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
+from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import (
     REVERSED_WINDING,
@@ -141,6 +142,10 @@ class MeshFormat(ABC):
             return f".{scene.format}", ""
         return ".glb", f"{self.name} holds no UVs, so the mesh becomes a GLB"
 
+    def check_source(self, path: Path, scene: Scene) -> None:
+        """Raise UsageError where a scene, from a file of another format perhaps, cannot be written at `path`."""
+        return
+
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a scene of any format with the UVs, normals and texture of its bake."""
         raise NotImplementedError(f"{self.name} is not written")
@@ -253,10 +258,12 @@ class SourceDocument:
 
     polygons    the file's polygons, which were cut into the scene's triangles
     materials   by name
+    frame       notes on a unit and axes that differ from those of glTF, metres and Y up: numbers are kept
     """
 
     polygons: Polygons
     materials: Mapping[str, SourceMaterial]
+    frame: tuple[Note, ...] = field(default=(), kw_only=True)
 
     def colors(self, scene: Scene) -> Float32Array | None:
         """Return the linear colours at the corners of its faces, (f, 3, 3) or with alpha (f, 3, 4); None without."""
@@ -284,6 +291,11 @@ def source_materials(scene: Scene) -> Mapping[str, SourceMaterial]:
 def source_colors(scene: Scene) -> Float32Array | None:
     """Return the linear colours at the corners of a scene's faces, (f, 3, 3 or 4); None where its file has none."""
     return scene.document.colors(scene) if isinstance(scene.document, SourceDocument) else None
+
+
+def source_frame(scene: Scene) -> tuple[Note, ...]:
+    """Return notes on the unit and axes of a scene's file."""
+    return scene.document.frame if isinstance(scene.document, SourceDocument) else ()
 
 
 MaterialUse = tuple[str | None, bool]  # the name of a material, None for none, and whether its parts are baked

@@ -119,7 +119,8 @@ class Polygons:
             chosen = chosen[made[chosen] == size - 2]
             triangles = self.triangles[first[chosen][:, None] + np.arange(size - 2)] - starts[chosen][:, None, None]
             apex = triangles[:, :1, :1]
-            is_fan = ((triangles - apex) % size == fan_triangles(np.arange(size))).all(axis=(1, 2))
+            from_apex, fan = (triangles - apex) % size, fan_triangles(np.arange(size))
+            is_fan = (from_apex == fan).all(axis=(1, 2)) | (from_apex[:, ::-1] == fan).all(axis=(1, 2))
             loops = representative[starts[chosen][:, None] + (apex[:, 0] + np.arange(size)) % size]
             points, uvs = (array.reshape(-1, array.shape[2])[loops] for array in (mapping.points, mapping.uvs))
             safe[chosen] = is_fan & (_affine_residual(points, uvs) <= _AFFINE_WITHIN)

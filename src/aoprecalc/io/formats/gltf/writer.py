@@ -20,6 +20,7 @@ from aoprecalc.io.formats.base import (
     material_names,
     material_use,
     source_colors,
+    source_frame,
     source_materials,
 )
 from aoprecalc.io.formats.gltf.compression import EXTENSIONS
@@ -173,6 +174,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         messages += notes
     else:
         document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals)
+        messages += source_frame(scene)
     materials, notes = own_materials(document, texcoords)
     messages += notes
     if isinstance(scene.document, GltfDocument):

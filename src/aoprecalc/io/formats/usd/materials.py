@@ -14,9 +14,20 @@ from aoprecalc.texture_lookup import srgb_from_linear
 from aoprecalc.types import AlphaMask, Float32Array, Float64Array, Material, Wrap
 
 _WRAPS: dict[str, Wrap] = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
+BAKED = "aoprecalc"  # the customData of a baked texture: the options of its bake, as JSON
 _MAX_NAMES = 5  # that a warning lists
 _OPAQUE = 1 - 1 / 255
-_OTHERS = ("emissiveColor", "specularColor", "metallic", "roughness", "clearcoat", "clearcoatRoughness", "normal")
+_INPUTS_LEFT_OUT = (
+    "emissiveColor",
+    "specularColor",
+    "metallic",
+    "roughness",
+    "clearcoat",
+    "clearcoatRoughness",
+    "normal",
+    "displacement",
+    "ior",
+)
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "a": 3, "rgb": 0}
 
 
@@ -28,6 +39,7 @@ class TextureUse:
     uv_name       the primvar of its UVs
     matrix        (2, 3): by which column vectors (u, v, 1) become those of the texture
     scale, bias   (4,) of the values
+    baked         the options of the bake that made it, as JSON; empty where the stage says none
     """
 
     image: ImageSource
@@ -37,6 +49,7 @@ class TextureUse:
     wraps: tuple[Wrap, Wrap]
     scale: Float64Array
     bias: Float64Array
+    baked: str = ""
 
     def transform(self, uvs: Float64Array) -> Float64Array:
         """Return (..., 2) UVs of the texture."""
@@ -96,7 +109,8 @@ class UsdMaterial:
         return tuple(dict.fromkeys(use.uv_name for use in uses if use is not None))
 
 
-def _listed(names: list[str]) -> str:
+def listed(names: list[str]) -> str:
+    """Return names for a message."""
     return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
@@ -133,11 +147,11 @@ class UsdMaterials:
         """Return warnings about all that cannot be read of the materials."""
         lines = list(self.warnings)
         if self._unknown:
-            found = f"materials without a UsdPreviewSurface are read as opaque and white: {_listed(self._unknown)}"
+            found = f"materials without a UsdPreviewSurface are read as opaque and white: {listed(self._unknown)}"
             lines.append(f"{self._path}: {found}; export them with one")
         uses = {look.name: look.color_texture for look in self._by_prim.values()}
         if names := [name for name, use in uses.items() if use is not None and not use.is_plain]:
-            found = f"the scale and bias of colour textures are ignored in {_listed(names)}"
+            found = f"the scale and bias of colour textures are ignored in {listed(names)}"
             lines.append(f"{self._path}: {found}; apply them to the images")
         return lines
 
@@ -220,7 +234,7 @@ class UsdMaterials:
         opacity, opacity_texture = self._input(surface, "opacity", 1.0)
         red, green, blue = (float(value) for value in color)
         emitted = self._input(surface, "emissiveColor", (0.0, 0.0, 0.0))[0]
-        others = [one for one in _OTHERS if self._input(surface, one, 0.0)[1] is not None]
+        others = [one for one in _INPUTS_LEFT_OUT if self._input(surface, one, 0.0)[1] is not None]
         return UsdMaterial(
             name,
             path,
@@ -272,7 +286,8 @@ class UsdMaterials:
             for name, default in (("scale", (1, 1, 1, 1)), ("bias", (0, 0, 0, 0)))
         )
         wraps = _WRAPS.get(u, "repeat"), _WRAPS.get(v, "repeat")
-        return TextureUse(self._image(asset), output, uv_name, matrix[:2], wraps, scale, bias)
+        baked = str(shader.GetPrim().GetCustomDataByKey(BAKED) or "")
+        return TextureUse(self._image(asset), output, uv_name, matrix[:2], wraps, scale, bias, baked)
 
     def _matrix(self, shader: Any) -> Float64Array:
         """Return the (3, 3) matrix of a UsdTransform2d: scale, then rotation, then translation."""

@@ -1,10 +1,8 @@
 """Read the meshes of a USD stage, at its first frame and in world space, with what their materials do to visibility."""
 
-import re
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,75 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, counted, one_or_many
-from aoprecalc.io.formats.base import PartSource, SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, cofactors, damaged_file
-from aoprecalc.io.formats.polygons import Polygons, lost_faces, polygon_triangles
+from aoprecalc.io.formats.polygons import Polygons, corner_order, lost_faces, polygon_triangles
 from aoprecalc.io.formats.usd.materials import UsdMaterial, UsdMaterials
+from aoprecalc.io.formats.usd.stage import UsdDocument, UsdPart, part_source, usd_messages
+from aoprecalc.io.formats.usd.walk import PlacedMesh, StageWalk, array_of
 from aoprecalc.progress import Note
-from aoprecalc.types import Float64Array, Int64Array, Scene
+from aoprecalc.types import REVERSED_WINDING, Float64Array, Int64Array, Part, Scene
 
-_MAX_PRIMS, _MAX_MESHES = 1_000_000, 50_000  # nested instances multiply: a few kilobytes may be more than memory
-_MAX_TOLD = 5  # warnings of USD that are passed on
 _UV_TYPES = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]")
 _PLAIN_UVS = ("st", "st0", "st1", "uv", "UVMap", "map1")  # names of UVs that some programs write as float2[]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class UsdPart(PartSource):
-    """The faces of a Mesh prim that have one material.
-
-    prim       the path of the Mesh
-    faces      (p,) the faces of the prim that these polygons are
-    corners    (sum of their counts,) the prim's face corner at each polygon corner: turned round where its winding is
-    polygons   the polygons, and their triangles, which are those of the part
-    uv_names   the primvar of each UV set
-    linear     (3, 3) by which column vectors of the prim come into the world
-    look       the material; None where it has none
-    """
-
-    prim: str
-    faces: Int64Array
-    corners: Int64Array
-    polygons: Polygons
-    uv_names: tuple[str, ...]
-    linear: Float64Array
-    look: UsdMaterial | None
-
-
-@dataclass(frozen=True, eq=False)
-class UsdDocument(SourceDocument):
-    """What is kept of a stage.
-
-    files   those that it was composed of, and its textures
-    """
-
-    files: tuple[Path, ...] = ()
-
-
-@contextmanager
-def usd_messages(path: Path) -> Iterator[list[str]]:
-    """Collect the warnings of USD, which it would print, in a list; raises InputError for its errors."""
-    from pxr import Tf, UsdUtils
-
-    told: list[str] = []
-    delegate = UsdUtils.CoalescingDiagnosticDelegate()
-    try:
-        yield told
-    except (Tf.ErrorException, RuntimeError) as error:
-        found = re.findall(r" : '(.*?)'$", str(error), re.MULTILINE | re.DOTALL) or [str(error)]
-        raise damaged_file(path, f"cannot be read as USD ({_one_line(found[0])})") from error
-    finally:
-        warnings = [_one_line(entry.commentary) for entry in delegate.TakeUncoalescedDiagnostics()]
-        told += dict.fromkeys(warnings)
-        if len(told) > _MAX_TOLD:
-            told[_MAX_TOLD:] = [f"USD has {len(told) - _MAX_TOLD} more warnings of this stage"]
-
-
-def _one_line(text: str) -> str:
-    """Return a message of USD without what differs from run to run."""
-    text = re.sub(r"\s*\((instantiating|recomposing) stage.*", "", text, flags=re.DOTALL)
-    text = re.sub(r",?@anon:0x[0-9a-f]+:[^@]*@", "", text)
-    return " ".join(text.split())[:240]
 
 
 def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
@@ -89,36 +28,43 @@ def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
     files   those of the stage, without itself
     Raises InputError where the stage is damaged or has no such mesh.
     """
-    from pxr import Usd, UsdGeom
+    from pxr import Usd, UsdGeom, UsdUtils
 
+    names: dict[str, None] = {}
     with usd_messages(path) as told:
         stage = Usd.Stage.Open(str(path))
         reader = _StageReader(path, stage)
         pieces, up, unit = reader.pieces(), UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)
+        UsdUtils.ModifyAssetPaths(stage.GetRootLayer(), lambda name: names.setdefault(name) or name)
     messages = [*(f"{path}: {line}" for line in told), *reader.messages()]
     polygons = Polygons.concatenate(
         [Polygons.of_triangles(0), *(part_source(piece.source).polygons for piece in pieces)]
     )
-    document = UsdDocument(polygons, reader.materials.sources(), files)
+    z_up, frame = up == UsdGeom.Tokens.z, list[Note]()
+    if unit != 1:
+        frame.append(Note(f"its unit is {unit:g} metres; its numbers are kept, and a GLB calls them metres"))
+    if z_up:
+        frame.append(Note("its axis Z points up; its numbers are kept, and in a GLB Y points up"))
+    document = UsdDocument(polygons, reader.materials.sources(), files, tuple(names), frame=tuple(frame))
     if not pieces and messages:
         raise InputError(f"{path}: no mesh is shown, a surface was expected; {messages[0]}")
-    if unit != 1:
-        messages.append(Note(f"its unit is {unit:g} metres; its numbers are kept, and a GLB calls them metres"))
-    if up == UsdGeom.Tokens.z:
-        messages.append(Note("its axis Z points up; its numbers are kept, and in a GLB Y points up"))
     scene = build_scene(path, path.suffix.lower()[1:], pieces, document, messages)
-    return replace(scene, up="z" if up == UsdGeom.Tokens.z else "y", unit=unit if 0 < unit < np.inf else None)
+    scene = replace(scene, parts=_instances(scene.parts), unit=unit if 0 < unit < np.inf else None)
+    return replace(scene, up="z" if z_up else "y")
 
 
-def stage_files(path: Path) -> tuple[Path, ...]:
-    """Return the files that a stage is composed of or refers to, without itself, existing or not."""
-    from pxr import Ar, UsdUtils
-
-    layers, assets, missing = UsdUtils.ComputeAllDependencies(str(path))
-    names = [*(layer.realPath for layer in layers), *map(str, assets), *map(str, missing)]
-    plain = (Ar.SplitPackageRelativePathOuter(name)[0] if "[" in name else name for name in names if name)
-    files = dict.fromkeys(path.parent / name for name in plain)
-    return tuple(file for file in files if file.absolute() != path.absolute())
+def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    """Set instance_of and duplicate_of: the first part of the same prototype, and of the same prim."""
+    first: dict[tuple[str, ...], int] = {}
+    result = []
+    for index, part in enumerate(parts):
+        source = part_source(part.source)
+        subset = source.owner.removeprefix(source.prim)
+        anywhere = first.setdefault((source.original, subset), index)
+        same_prim = first.setdefault((source.prim, source.owner), index)
+        earlier = [None if other == index else other for other in (anywhere, same_prim)]
+        result.append(replace(part, instance_of=earlier[0], duplicate_of=earlier[1]))
+    return tuple(result)
 
 
 class _StageReader:
@@ -129,27 +75,18 @@ class _StageReader:
 
     def __init__(self, path: Path, stage: Any) -> None:
         """Read at the first frame, or the only one."""
-        from pxr import Usd, UsdGeom
+        from pxr import Usd
 
-        self._path, self._stage, self._time = path, stage, Usd.TimeCode.EarliestTime()
-        self._transforms = UsdGeom.XformCache(self._time)
+        self._path, self._time = path, Usd.TimeCode.EarliestTime()
+        self._walk = StageWalk(path, stage, self._time)
         self._counts: Counter[str] = Counter()
-        self._kinds: Counter[str] = Counter()
         self._warnings: list[str] = []
         self.materials = UsdMaterials(path, self._time)
 
     def messages(self) -> list[str]:
         """Return what the user should know of the stage."""
         count = self._counts
-        lines = [*self._warnings, *self.materials.messages()]
-        if self._kinds:
-            kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self._kinds.items()))
-            advice = "make meshes of shapes, and add lights and cameras to the result"
-            lines.append(f"{self._path}: only meshes are read, not {kinds}; {advice}")
-        if number := count["hidden"]:
-            lines.append(Note(f"{counted(number, 'invisible mesh', 'invisible meshes')} left out"))
-        if number := count["purpose"]:
-            lines.append(Note(f"{counted(number, 'mesh', 'meshes')} of the purpose guide or proxy left out"))
+        lines = [*self._warnings, *self.materials.messages(), *self._walk.messages()]
         if number := count["subdivided"]:
             are = one_or_many(number, "subdivision surface is", "subdivision surfaces are")
             lines.append(Note(f"{number} {are} read as the control cage"))
@@ -162,77 +99,39 @@ class _StageReader:
 
     def pieces(self) -> list[MeshPiece]:
         """Return the faces of all meshes that are shown."""
-        from pxr import Usd, UsdGeom, UsdLux
+        meshes = list(self._walk.meshes())
+        return [piece for placed in meshes for piece in self._mesh(placed)]
 
-        meshes = []
-        prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
-        walk = iter(prims)
-        for number, prim in enumerate(walk):
-            if number > _MAX_PRIMS:
-                raise InputError(f"{self._path}: more than {_MAX_PRIMS:,} prims; use a smaller scene")
-            if prim.IsA(UsdGeom.PointInstancer):
-                self._kinds["PointInstancer"] += 1
-                walk.PruneChildren()
-            elif prim.IsA(UsdGeom.Mesh):
-                meshes.append(prim)
-            elif prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.Camera) or prim.HasAPI(UsdLux.LightAPI):
-                self._kinds[prim.GetTypeName()] += self._shown(prim)
-        self._kinds += Counter()  # without those of which none is shown
-        if len(meshes) > _MAX_MESHES:
-            raise InputError(f"{self._path}: more than {_MAX_MESHES:,} meshes; join them, or use a smaller scene")
-        return [piece for prim in meshes for piece in self._mesh(prim)]
-
-    def _shown(self, prim: Any) -> bool:
-        from pxr import UsdGeom
-
-        imageable = UsdGeom.Imageable(prim)
-        is_mesh = prim.IsA(UsdGeom.Mesh)
-        if imageable.ComputeVisibility(self._time) == UsdGeom.Tokens.invisible:
-            self._counts["hidden"] += is_mesh
-            return False
-        if imageable.ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
-            self._counts["purpose"] += is_mesh
-            return False
-        return True
-
-    def _mesh(self, prim: Any) -> list[MeshPiece]:
+    def _mesh(self, placed: PlacedMesh) -> list[MeshPiece]:
         """Return the faces of a Mesh, by material."""
         from pxr import UsdGeom, UsdShade
 
+        prim = placed.prim
         mesh = UsdGeom.Mesh(prim)
-        points: Float64Array = self._array(mesh.GetPointsAttr(), np.float64).reshape(-1, 3)
-        counts: Int64Array = self._array(mesh.GetFaceVertexCountsAttr(), np.int64)
-        indices: Int64Array = self._array(mesh.GetFaceVertexIndicesAttr(), np.int64)
-        if not len(counts) or not self._shown(prim):
+        points: Float64Array = array_of(mesh.GetPointsAttr(), self._time, np.float64).reshape(-1, 3)
+        counts: Int64Array = array_of(mesh.GetFaceVertexCountsAttr(), self._time, np.int64)
+        indices: Int64Array = array_of(mesh.GetFaceVertexIndicesAttr(), self._time, np.int64)
+        if not len(counts):
             return []
         self._check(prim, counts, indices, len(points))
         self._count(prim, mesh)
-        matrix = np.array(self._transforms.GetLocalToWorldTransform(prim), np.float64)
-        linear: Float64Array = matrix[:3, :3].T
         left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
-        turned = left != (np.linalg.det(linear) < 0)
-        world: Float64Array = points @ linear.T + matrix[3, :3]
-        values = _MeshValues(self, prim, counts, indices, _corner_order(counts, turned), world, linear)
+        values = _MeshValues(self, placed, counts, indices, points, bool(left))
 
         assigned = np.full(len(counts), -1)
         subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
         for number, subset in enumerate(subsets):
-            chosen = self._array(subset.GetIndicesAttr(), np.int64)
+            chosen = array_of(subset.GetIndicesAttr(), self._time, np.int64)
             known = chosen[(chosen >= 0) & (chosen < len(counts))]
             if len(known) < len(chosen):
                 self.warn(f"{subset.GetPath()} names faces that {prim.GetPath()} has not; they are ignored")
             assigned[known[assigned[known] < 0]] = number
-        holes = self._array(mesh.GetHoleIndicesAttr(), np.int64)
+        holes = array_of(mesh.GetHoleIndicesAttr(), self._time, np.int64)
         assigned[holes[(holes >= 0) & (holes < len(counts))]] = len(subsets)
         owners = [prim, *(subset.GetPrim() for subset in subsets)]
         self._warnings += (f"{self._path}: {line}" for line in lost_faces(counts))
         groups = ((owner, np.flatnonzero(assigned == number - 1)) for number, owner in enumerate(owners))
         return [values.piece(owner, faces) for owner, faces in groups if len(faces)]
-
-    def _array(self, attribute: Any, kind: type) -> NDArray[Any]:
-        """Return the value of an attribute as an array; empty where it has none."""
-        value = attribute.Get(self._time)
-        return np.array([] if value is None else value, kind)
 
     def warn(self, line: str) -> None:
         """Add a warning about the stage, once."""
@@ -258,62 +157,85 @@ class _StageReader:
         self._counts["animated"] += moves
 
 
-def _corner_order(counts: Int64Array, turned: bool) -> Int64Array:
-    """Return the face corner at each polygon corner: the same or, turned, from the first of each face backwards."""
-    order = np.arange(counts.sum())
-    if not turned:
-        return order
-    starts = np.repeat(np.cumsum(counts) - counts, counts)
-    result: Int64Array = starts + (starts - order) % np.repeat(counts, counts)
-    return result
-
-
 @dataclass(frozen=True, eq=False)
 class _MeshValues:
     """A Mesh prim and its values.
 
-    order    (c,) the face corner at each polygon corner
-    points   (n, 3) float64 in the world
+    local   (n, 3) float64 points in its own space
+    left    its orientation is left-handed
     """
 
     reader: _StageReader
-    prim: Any
+    placed: PlacedMesh
     counts: Int64Array
     indices: Int64Array
-    order: Int64Array
-    points: Float64Array
-    linear: Float64Array
+    local: Float64Array
+    left: bool
+
+    @property
+    def prim(self) -> Any:
+        """The Mesh prim."""
+        return self.placed.prim
+
+    @cached_property
+    def linear(self) -> Float64Array:
+        """(3, 3) by which column vectors come into the world."""
+        return self.placed.matrix[:3, :3].T
+
+    @cached_property
+    def points(self) -> Float64Array:
+        """(n, 3) float64 in the world; one array for all pieces."""
+        return self.local @ self.placed.matrix[:3, :3] + self.placed.matrix[3, :3]
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the way into the world is a reflection."""
+        return bool(np.linalg.det(self.linear) < 0)
+
+    def _polygons(self, faces: Int64Array) -> tuple[Polygons, Int64Array]:
+        """Return the polygons of some faces, counter-clockwise in the world, and the face corner at each of theirs.
+
+        They are cut in the prim's own space, so that the triangles of all its instances are the same ones.
+        """
+        chosen = np.zeros(len(self.counts), bool)
+        chosen[faces] = True
+        corners, counts = np.flatnonzero(np.repeat(chosen, self.counts)), self.counts[faces]
+        order = corner_order(counts, self.left)
+        triangles, owners = polygon_triangles(counts, self.indices[corners[order]], self.local)
+        if self.mirrored:
+            back = corner_order(counts, True)
+            triangles, order = back[triangles][:, REVERSED_WINDING], order[back]
+        return Polygons(counts, triangles, owners), corners[order]
 
     def piece(self, owner: Any, faces: Int64Array) -> MeshPiece:
         """Return some faces, to which a material is bound at the prim `owner`: the mesh, or a subset of it."""
         from pxr import UsdGeom
 
-        chosen = np.zeros(len(self.counts), bool)
-        chosen[faces] = True
-        corners = self.order[np.repeat(chosen, self.counts)]
-        counts, vertices = self.counts[faces], self.indices[corners]
-        polygons = Polygons(counts, *polygon_triangles(counts, vertices, self.points))
+        polygons, corners = self._polygons(faces)
+        vertices = self.indices[corners]
         at = _Corners(vertices[polygons.triangles], corners[polygons.triangles], faces[polygons.owners])
-        look = self.reader.materials.bound_to(owner)
-        uvs = self._uv_sets(at, look)
+        path, look = self.prim.GetPath(), self.reader.materials.bound_to(owner)
+        uvs, normals = self._uv_sets(at, look), self._normals(at)
         source = UsdPart(
             material=None if look is None else look.name,
-            prim=str(self.prim.GetPath()),
+            prim=str(path),
+            owner=str(owner.GetPath()),
+            original=str(self.prim.GetPrimInPrototype().GetPath() if self.prim.IsInstanceProxy() else path),
             faces=faces,
             corners=corners,
             polygons=polygons,
+            normals=normals is not None,
             uv_names=tuple(uvs),
             linear=self.linear,
             look=look,
         )
         both = bool(UsdGeom.Mesh(self.prim).GetDoubleSidedAttr().Get())
         material = self.reader.materials.visibility(look, uvs, len(at.vertices), double_sided=both)
-        path = self.prim.GetPath()
         mesh, is_subset = self.prim.GetName(), owner != self.prim
         names = [*str(path).strip("/").split("/"), str(path), source.material, owner.GetName()]
+        names += [word for name in self.placed.instancers for word in (name, *name.strip("/").split("/"))]
         name = f"{mesh}/{owner.GetName()}" if is_subset else mesh
-        normals, uv_sets = self._normals(at), tuple(uvs.values())
-        return MeshPiece(name, self.points, at.vertices, normals, uv_sets, source, names, material)
+        return MeshPiece(name, self.points, at.vertices, normals, tuple(uvs.values()), source, names, material)
 
     def _normals(self, at: "_Corners") -> NDArray[Any] | None:
         from pxr import UsdGeom
@@ -327,7 +249,7 @@ class _MeshValues:
         normals = self._at_corners("normals", values, interpolation, at, 3)
         if normals is None:
             return None
-        sign = -1 if np.linalg.det(self.linear) < 0 else 1
+        sign = -1 if self.mirrored else 1
         return np.asarray(normals @ cofactors(self.linear).T * sign)
 
     def _uv_sets(self, at: "_Corners", look: UsdMaterial | None) -> dict[str, Float64Array]:
@@ -369,9 +291,3 @@ class _Corners:
     vertices: Int64Array
     corners: Int64Array
     faces: Int64Array
-
-
-def part_source(source: object) -> UsdPart:
-    """Return where a part comes from."""
-    assert isinstance(source, UsdPart)  # the reader made it
-    return source
