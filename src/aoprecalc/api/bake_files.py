@@ -20,7 +20,7 @@ from aoprecalc.io import (
 )
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT
-from aoprecalc.io.meshes import check_mesh_source, format_of
+from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
 from aoprecalc.progress import Note
@@ -110,7 +110,7 @@ class BakePlan:
     def claim_mesh(self, outputs: Outputs, scene: Scene) -> None:
         """Do so for the mesh, where its extension is the scene's; raises UsageError where it cannot be made of that."""
         if self.mesh is not None:
-            check_mesh_source(self.mesh.path, scene)
+            format_of(self.mesh.path).check_source(self.mesh.path, scene)
         if self.mesh is not None or self.texture is None:
             return
         try:

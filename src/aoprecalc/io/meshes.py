@@ -179,11 +179,6 @@ def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none") -> None
         )
 
 
-def check_mesh_source(path: Path, scene: Scene) -> None:
-    """Raise UsageError where a scene cannot be written as the format that a path names."""
-    format_of(path).check_source(path, scene)
-
-
 def write_baked_mesh(
     outputs: Outputs,
     mesh_path: str | PathLike[str],
