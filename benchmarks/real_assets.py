@@ -19,6 +19,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ import trimesh
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from fbx_text import FbxText
 from gltf_kit.gltf_maker import GltfMaker
 from gltf_kit.gltf_values import GltfValues
 
@@ -254,6 +256,45 @@ def collada(folder: Path) -> Path:
     return folder / "stool.dae"
 
 
+def collada_with_mask(folder: Path) -> Path:
+    """Write the stool as COLLADA whose picture has holes in its alpha, as `transparent` says."""
+    mesh = trimesh.load(obj(folder / "stool.obj"), process=False)
+    Image.fromarray(np.dstack([CHECKER, 255 * (CHECKER[..., 0] > 100)]).astype(np.uint8)).save(folder / "leaf.png")
+    text = mesh.export(file_type="dae").decode()
+    picture = """<newparam sid="f"><surface type="2D"><init_from>leaf</init_from></surface></newparam>
+        <newparam sid="s"><sampler2D><source>f</source></sampler2D></newparam>"""
+    shading = """<phong><diffuse><texture texture="s" texcoord="UVSET0"/></diffuse>
+        <transparent opaque="A_ONE"><texture texture="s" texcoord="UVSET0"/></transparent></phong>"""
+    images = "<library_images><image id='leaf'><init_from>leaf.png</init_from></image></library_images>"
+    text = re.sub(r"<library_images.*?(/>|</library_images>)", "", text, count=1, flags=re.DOTALL)
+    text = text.replace("<library_effects>", f"{images}<library_effects>", 1)
+    text = re.sub(
+        r"(<profile_COMMON>)(.*?<technique [^>]*>).*?(</technique>)",
+        rf"\1{picture}\2{shading}\3",
+        text,
+        flags=re.DOTALL,
+    )
+    (folder / "stool.dae").write_text(text)
+    return folder / "stool.dae"
+
+
+def fbx(folder: Path) -> Path:
+    """Write the stool as FBX of text, with an embedded picture whose alpha is its opacity."""
+    positions, quads = boxes(STOOL)
+    picture = BytesIO()
+    leaf = np.dstack([CHECKER, 255 * (CHECKER[..., 0] > 100)]).astype(np.uint8)
+    Image.fromarray(leaf).save(picture, "PNG")
+    scene = FbxText(unit=100)
+    material = scene.material("leaf", DiffuseColor=(1, 1, 1))
+    for slot in ("DiffuseColor", "TransparencyFactor"):
+        scene.texture("leaf.png", material, slot, data=picture.getvalue())
+    uvs = [((at % 4) / 4, at // 4 / len(quads)) for at in range(4 * len(quads))]
+    mesh = scene.mesh(positions.tolist(), [list(map(int, quad)) for quad in quads], uv_sets=[("map1", uvs)])
+    scene.node("stool", mesh, materials=[material])
+    (folder / "stool.fbx").write_text(str(scene))
+    return folder / "stool.fbx"
+
+
 def usd(folder: Path) -> Path:
     """Write the stool as a USD stage of text."""
     positions, quads = boxes(STOOL)
@@ -459,6 +500,9 @@ ROWS = [
     Row("glTF in a ZIP", zipped, triangles, "24 triangles"),
     Row("VRM", vrm, lambda answer: answer.mesh.suffix, ".vrm"),
     Row("COLLADA", collada, triangles, "24 triangles"),
+    Row("COLLADA with a picture and a mask", collada_with_mask, base_color, "picture image/png MASK"),
+    Row("FBX", fbx, triangles, "24 triangles"),
+    Row("FBX with an embedded picture and a mask", fbx, base_color, "picture image/png MASK"),
     Row("USD", usd, triangles, "24 triangles"),
     Row(
         "levels of detail and a collision hull",

@@ -14,9 +14,10 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.baked_options import baked_options, baked_triangles
-from aoprecalc.io.formats.archives import ColladaFormat, ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
+from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
+from aoprecalc.io.formats.collada import ColladaFormat
 from aoprecalc.io.formats.fbx import FbxFormat
 from aoprecalc.io.formats.files import ColorImages, ImageSource, same_file, text_as_utf8
 from aoprecalc.io.formats.geometry_formats import OffFormat, StlFormat

@@ -8,20 +8,19 @@ import shutil
 import tempfile
 import weakref
 import zlib
-from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path, PurePosixPath
-from typing import Any, ClassVar
+from typing import Any
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 
 from aoprecalc.errors import InputError, UsageError, counted
 from aoprecalc.io.formats.base import MeshFormat, PartOcclusion
-from aoprecalc.io.formats.builder import MeshPiece, build_scene, cofactors, damaged_file
+from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, BaseColor, Part, Scene
@@ -186,45 +185,47 @@ class UnpackedFormat(MeshFormat):
         return self._inner.base_colors(scene, images, occlusion)
 
 
-# Formats that are read through trimesh: triangles, the placement of each instance, and of COLLADA normals and UVs.
+# 3MF, through trimesh: triangles, and the placement of each instance.
+
+_LEFT_OUT = {  # what is not read: words for it -> how it begins in the XML
+    "materials and colours": rb"(?:basematerials|colorgroup|compositematerials|multiproperties)\b",
+    "textures": rb"texture2d",
+    "beams": rb"beamlattice\b",
+    "slices": rb"slicestack\b",
+}
 
 
-class TrimeshFormat(MeshFormat):
-    """A format for which trimesh has a loader.
+class ThreeMfFormat(MeshFormat):
+    """3D Manufacturing Format."""
 
-    packages   which that loader needs, beside trimesh; the extra `formats` installs them
-    xml        the names that files with its elements end in, inside a ZIP
-    left_out   what is not read: words for it -> how it begins in the XML
-    """
+    name = "3MF"
+    extensions = (".3mf",)
 
-    packages: ClassVar[tuple[str, ...]]
-    xml: ClassVar[str]
-    left_out: ClassVar[dict[str, bytes]]
+    def sniff(self, data: bytes) -> bool:
+        """Tell whether it is a ZIP with a 3D model in it."""
+        return data.startswith(b"PK") and b"3dmodel.model" in data.lower()
 
     def read(self, path: Path, data: bytes) -> Scene:
         """Read every instance of every mesh as a part; raises InputError where a package is missing."""
         from trimesh import available_formats  # takes half a second, which other formats should not pay
         from trimesh.exchange.load import mesh_loaders
 
-        kind = path.suffix.lower().removeprefix(".")
-        if kind not in available_formats():
-            needed = " and ".join(self.packages)
-            raise InputError(f"{path}: {self.name} needs the package {needed}; `pip install 'aoprecalc[formats]'`")
-        text = data
-        if data.startswith(b"PK"):
-            with ZipFile(BytesIO(data)) as archive:
-                check_unpacked_size(path, archive)
-                text = b"".join(archive.read(name) for name in archive.namelist() if name.lower().endswith(self.xml))
-        load: Any = mesh_loaders[kind]
-        loaded = load(file_obj=BytesIO(data), file_type=kind, resolver=None)
-        messages: list[str] = [Note(line) for line in self.frame(text)]
-        if lost := [words for words, start in self.left_out.items() if re.search(rb"<(?:\w+:)?" + start, text)]:
+        if "3mf" not in available_formats():
+            needed = "the package networkx and lxml"
+            raise InputError(f"{path}: {self.name} needs {needed}; `pip install 'aoprecalc[formats]'`")
+        with ZipFile(BytesIO(data)) as archive:
+            check_unpacked_size(path, archive)
+            text = b"".join(archive.read(name) for name in archive.namelist() if name.lower().endswith(".model"))
+        load: Any = mesh_loaders["3mf"]
+        loaded = load(file_obj=BytesIO(data), file_type="3mf", resolver=None)
+        unit = re.search(rb'<(?:\w+:)?model\b[^>]*\bunit="(\w+)"', text)
+        name, messages = unit[1].decode() if unit else "millimeter", list[str]()
+        if name != "meter":
+            kept = "its numbers are kept, and a GLB has metres and Y"
+            messages.append(Note(f"its unit is the {name}, and Z points up; {kept}"))
+        if lost := [words for words, start in _LEFT_OUT.items() if re.search(rb"<(?:\w+:)?" + start, text)]:
             messages.append(f"{path}: {self.name} is read without {', '.join(lost)}, which it has; export it as glTF")
-        return build_scene(path, kind, list(_pieces(loaded)), messages=messages)
-
-    @abstractmethod
-    def frame(self, text: bytes) -> Iterator[str]:
-        """Yield notes on units and axes that differ from those of the GLB, metres and Y up: numbers are kept."""
+        return build_scene(path, "3mf", list(_pieces(loaded)), messages=messages)
 
     def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
         """Return .glb."""
@@ -232,7 +233,7 @@ class TrimeshFormat(MeshFormat):
 
 
 def _pieces(loaded: dict[str, Any]) -> Iterator[MeshPiece]:
-    """Yield each instance of a geometry, placed in the world, from what a loader of trimesh returns."""
+    """Yield each instance of a geometry, placed in the world, from what the loader of trimesh returns."""
     from trimesh.scene.transforms import SceneGraph
 
     graph: Any = SceneGraph(base_frame=loaded.get("base_frame", "world"))
@@ -242,68 +243,7 @@ def _pieces(loaded: dict[str, Any]) -> Iterator[MeshPiece]:
         matrix, name = graph.get(node)
         mesh, linear = loaded["geometry"][name], matrix[:3, :3]
         faces = np.asarray(mesh["faces"], np.int64).reshape(-1, 3)
-        mirrored = np.linalg.det(linear) < 0
-        if mirrored:
+        if np.linalg.det(linear) < 0:
             faces = faces[:, REVERSED_WINDING]
         positions = np.asarray(mesh["vertices"], np.float64).reshape(-1, 3) @ linear.T + matrix[:3, 3]
-        normals, uvs = mesh.get("vertex_normals"), getattr(mesh.get("visual"), "uv", None)
-        if normals is not None:
-            normals = (normals @ cofactors(linear).T * (-1 if mirrored else 1))[faces]
-        yield MeshPiece(str(node), positions, faces, normals, () if uvs is None else (uvs[faces],), names=(str(name),))
-
-
-class ColladaFormat(TrimeshFormat):
-    """COLLADA, plain or zipped."""
-
-    name = "COLLADA"
-    extensions = (".dae", ".zae")
-    packages = ("pycollada",)
-    xml = ".dae"
-    left_out: ClassVar = {
-        "materials": rb"effect\b",
-        "textures": rb"init_from\b",
-        "colours of vertices": rb'input\b[^>]*semantic="COLOR"',
-        "further UV sets": rb'input\b[^>]*semantic="TEXCOORD"[^>]*set="[1-9]',
-        "meshes with skins or morphs": rb"instance_controller\b",
-        "animations": rb"animation\b",
-        "cameras": rb"camera\b",
-        "lights": rb"light\b",
-    }
-
-    def frame(self, text: bytes) -> Iterator[str]:
-        """Yield what `unit` and `up_axis` say."""
-        unit, axis = re.search(rb'<unit\b[^>]*meter="([\d.eE+-]+)"', text), re.search(rb"<up_axis>\s*([XZ])_UP", text)
-        if unit and float(unit[1]) != 1:
-            yield f"its unit is {float(unit[1]):g} metres; its numbers are kept, and a GLB calls them metres"
-        if axis:
-            yield f"its axis {axis[1].decode()} points up; its numbers are kept, and in a GLB Y points up"
-
-    def sniff(self, data: bytes) -> bool:
-        """Tell whether there is a COLLADA element, or a ZIP with a .dae in it."""
-        return b"<COLLADA" in data[:4096] or (data.startswith(b"PK") and b".dae" in data)
-
-
-class ThreeMfFormat(TrimeshFormat):
-    """3D Manufacturing Format."""
-
-    name = "3MF"
-    extensions = (".3mf",)
-    packages = ("networkx", "lxml")
-    xml = ".model"
-    left_out: ClassVar = {
-        "materials and colours": rb"(?:basematerials|colorgroup|compositematerials|multiproperties)\b",
-        "textures": rb"texture2d",
-        "beams": rb"beamlattice\b",
-        "slices": rb"slicestack\b",
-    }
-
-    def frame(self, text: bytes) -> Iterator[str]:
-        """Yield its unit."""
-        unit = re.search(rb'<(?:\w+:)?model\b[^>]*\bunit="(\w+)"', text)
-        name = unit[1].decode() if unit else "millimeter"
-        if name != "meter":
-            yield f"its unit is the {name}, and Z points up; its numbers are kept, and a GLB has metres and Y"
-
-    def sniff(self, data: bytes) -> bool:
-        """Tell whether it is a ZIP with a 3D model in it."""
-        return data.startswith(b"PK") and b"3dmodel.model" in data.lower()
+        yield MeshPiece(str(node), positions, faces, names=(str(name),))

@@ -1,16 +1,24 @@
 """What the pictures of a SourceMaterial do to visibility, and its colours."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import AlphaMode, SourceMaterial
+from aoprecalc.io.formats.base import (
+    AlphaMode,
+    MeshFormat,
+    SourceMaterial,
+    first_uvs,
+    material_use,
+    source_materials,
+)
 from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import repeating_texture
-from aoprecalc.types import AlphaMask, BaseColor, Float32Array, Float64Array, Material
+from aoprecalc.types import AlphaMask, Atlas, BaseColor, Float32Array, Float64Array, Material, Scene
 
 _OPAQUE = 15 / 16  # opacities from here on count as 1, those below its complement as 0
 _CUTOFF = 0.5
@@ -89,3 +97,24 @@ def base_color(
     wraps = (material.placement.wrap, material.placement.wrap)
     texture, uvs = repeating_texture(texture, material.placement.transform(uvs), wraps)
     return BaseColor(material.factor(textured=True), texture, uvs, corners)
+
+
+class PicturedFormat(MeshFormat):
+    """A format that is read by a library and written as GLB; its scenes have a SourceDocument with materials."""
+
+    def source_files(self, scene: Scene) -> list[Path]:
+        """Return the file and the pictures of its materials."""
+        images = (image for used in source_materials(scene).values() for image in (used.texture, used.opacity_map))
+        return [scene.path, *dict.fromkeys(image.path for image in images if image and image.path)]
+
+    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+        """Return .glb."""
+        return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
+
+    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
+        """Return the colour of each part's material, with its picture."""
+        known, plain = source_materials(scene), SourceMaterial("")
+        materials = [known.get(material_use(part)[0] or "", plain) for part in scene.parts]
+        return tuple(
+            base_color(used, first_uvs(scene, part), images) for used, part in zip(materials, scene.parts, strict=True)
+        )

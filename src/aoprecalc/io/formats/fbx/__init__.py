@@ -10,20 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError
-from aoprecalc.io.formats.base import MeshFormat, first_uvs, material_use, source_materials
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.fbx.reader import read_fbx
-from aoprecalc.io.formats.files import ColorImages
-from aoprecalc.io.formats.materials import base_color
+from aoprecalc.io.formats.materials import PicturedFormat
 from aoprecalc.subprocesses import ChildTimeoutError, ask, end_with_parent
-from aoprecalc.types import Atlas, BaseColor, Scene
+from aoprecalc.types import Scene
 
 _CHILD = [sys.executable, "-P", "-c", "from aoprecalc.io.formats.fbx import answer; answer()"]
 _SECONDS, _BYTES_PER_SECOND = 60.0, 1e6  # for which a child may read
 _BINARY, _TEXT = b"Kaydara FBX Binary", b"FBXHeaderExtension"
 
 
-class FbxFormat(MeshFormat):
+class FbxFormat(PicturedFormat):
     """The meshes of a scene that are shown, with the pictures of their materials."""
 
     name = "FBX"
@@ -38,24 +36,6 @@ class FbxFormat(MeshFormat):
         if find_spec("ufbx") is None:
             raise InputError(f"{path}: FBX needs the package ufbx; `pip install 'aoprecalc[fbx]'`")
         return _read_apart(path, data)
-
-    def source_files(self, scene: Scene) -> list[Path]:
-        """Return the FBX and the pictures beside it."""
-        images = (image for used in source_materials(scene).values() for image in (used.texture, used.opacity_map))
-        return [scene.path, *dict.fromkeys(image.path for image in images if image and image.path)]
-
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
-        """Return .glb."""
-        return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
-
-    def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
-        """Return the colour of each part's material, with its picture."""
-        known = source_materials(scene)
-        materials = [known.get(material_use(part)[0] or "") for part in scene.parts]
-        return tuple(
-            BaseColor() if used is None else base_color(used, first_uvs(scene, part), images)
-            for used, part in zip(materials, scene.parts, strict=True)
-        )
 
 
 # Damage may crash ufbx, and its Python binding leaves memory in disorder, so that another process reads each file.
