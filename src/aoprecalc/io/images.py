@@ -8,6 +8,7 @@ JPEG have it as their ImageDescription, after that name and a space. TGA and BMP
 """
 
 import os
+import shutil
 import tempfile
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -163,6 +164,16 @@ def _write_webp(path: str | PathLike[str], pictures: Sequence[Picture], **settin
 def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str, text: str = "") -> None:
     import OpenImageIO
 
+    if not _is_text(path):
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / f"image{Path(path).suffix}"
+            _write(copy, pixels, depth, space, text)
+            try:
+                shutil.copyfile(copy, path)
+            except OSError as error:
+                found = f"{path}: the image cannot be written ({error.strerror})"
+                raise OutputError(f"{found}; choose another output") from error
+        return
     OpenImageIO.attribute("tiff:half", 1)  # otherwise 16-bit floats are stored as 32-bit floats
     buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
     spec = buffer.specmod()

@@ -257,9 +257,12 @@ SCHEMAS = {
 
 
 def json_text(document: dict[str, Any]) -> str:
-    """Return a document as indented JSON without raw control characters; raises ValueError for numbers not finite."""
+    """Return a document as indented JSON; raises ValueError for numbers not finite.
+
+    Control characters are escaped, and so are bytes of names that are no text (surrogates), which UTF-8 cannot hold.
+    """
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    return re.sub(r"[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text)
+    return re.sub(r"[\x7f-\x9f\ud800-\udfff]", lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:

@@ -96,6 +96,7 @@ def texture_wraps(document: GltfDocument, index: int) -> tuple[Wrap, Wrap]:
     return _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
 
 
+LOD = "MSFT_lod"
 TRANSMISSION, UNLIT, VARIANTS = "KHR_materials_transmission", "KHR_materials_unlit", "KHR_materials_variants"
 METADATA = "EXT_structural_metadata"
 
@@ -104,6 +105,12 @@ def material_holders(primitive: Json) -> Iterator[Json]:
     """Yield the objects that refer to a material: the primitive itself and the mappings of its variants."""
     yield primitive
     yield from primitive.get("extensions", {}).get(VARIANTS, {}).get("mappings", [])
+
+
+def coarser_materials(material: Json) -> list[int]:
+    """Return the indices of a material's coarser levels of detail (MSFT_lod), which the same primitives show."""
+    ids: list[int] = material.get("extensions", {}).get(LOD, {}).get("ids", [])
+    return ids
 
 
 _OPAQUE: Float32Array = np.ones((1, 1), np.float32)
@@ -280,11 +287,11 @@ def uv_sets_used(document: GltfDocument, primitive: Json, *, with_occlusion: boo
     """
     extensions = primitive.get("extensions", {})
     holders: list[Any] = [extensions]
-    for holder in material_holders(primitive):
-        if "material" in holder:
-            material = document.entry("materials", holder["material"])
-            stays = with_occlusion or UNLIT in material.get("extensions", {})
-            holders.append({key: value for key, value in material.items() if stays or key != "occlusionTexture"})
+    numbers = [holder["material"] for holder in material_holders(primitive) if "material" in holder]
+    numbers += [other for number in numbers for other in coarser_materials(document.entry("materials", number))]
+    for material in (document.entry("materials", number) for number in numbers):
+        stays = with_occlusion or UNLIT in material.get("extensions", {})
+        holders.append({key: value for key, value in material.items() if stays or key != "occlusionTexture"})
     tables = document.json.get("extensions", {}).get(METADATA, {}).get("propertyTextures", [])
     holders += [tables[index] for index in extensions.get(METADATA, {}).get("propertyTextures", [])]
     morphed = {name for target in primitive.get("targets", []) for name in target if name.startswith(_TEXCOORD)}

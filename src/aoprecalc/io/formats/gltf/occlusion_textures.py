@@ -13,7 +13,14 @@ from aoprecalc.io.baked_options import EXTRAS, options_document
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
-from aoprecalc.io.formats.gltf.materials import UNLIT, TextureUse, material_holders, texture_image, texture_wraps
+from aoprecalc.io.formats.gltf.materials import (
+    UNLIT,
+    TextureUse,
+    coarser_materials,
+    material_holders,
+    texture_image,
+    texture_wraps,
+)
 from aoprecalc.io.formats.gltf.reader import part_primitive
 from aoprecalc.io.images import png_bytes
 from aoprecalc.options import ValueOptions
@@ -32,8 +39,8 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     texcoords   (mesh, primitive) -> the n of the TEXCOORD_n for its occlusion texture
 
     A material that other primitives use unchanged, or with another TEXCOORD_n, is copied; a primitive without material
-    gets one. Unlit materials stay as they are. Returns index of a material -> its n, and a note on occlusion
-    textures that will be replaced.
+    gets one. So do its variants, and the coarser levels of detail of each. Unlit materials stay as they are. Returns
+    index of a material -> its n, and a note on occlusion textures that will be replaced.
     """
     materials: list[Json] = document.get("materials", [])
     taken = {
@@ -44,15 +51,22 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
         for holder in material_holders(primitive)
         if "material" in holder
     }
+    taken |= {other for index in taken for other in coarser_materials(materials[index])}
     made: dict[tuple[int | None, int], int] = {}
     for (mesh_index, index), texcoord in texcoords.items():
-        for holder in material_holders(document["meshes"][mesh_index]["primitives"][index]):
-            key = (holder.get("material"), texcoord)
-            if key[0] is not None and UNLIT in materials[key[0]].get("extensions", {}):
+        holders = material_holders(document["meshes"][mesh_index]["primitives"][index])
+        references: list[tuple[Any, Any, int | None]] = [
+            (holder, "material", holder.get("material")) for holder in holders
+        ]
+        for holder, place, number in references:
+            key = (number, texcoord)
+            if number is not None and UNLIT in materials[number].get("extensions", {}):
                 continue
             if key not in made:
-                made[key] = _own_material(materials, key[0], taken)
-            holder["material"] = made[key]
+                made[key] = _own_material(materials, number, taken)
+                coarser = coarser_materials(materials[made[key]])
+                references += [(coarser, level, other) for level, other in enumerate(coarser)]
+            holder[place] = made[key]
     if materials:  # the schema forbids empty lists
         document["materials"] = materials
     replaced = len({index for index, _ in made if index is not None and "occlusionTexture" in materials[index]})
@@ -188,6 +202,7 @@ def _own_material(materials: list[Json], index: int | None, taken: set[int]) -> 
         taken.add(index)
         return index
     materials.append({} if index is None else deepcopy(materials[index]))
+    taken.add(len(materials) - 1)
     return len(materials) - 1
 
 

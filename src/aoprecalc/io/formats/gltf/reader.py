@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import counted
+from aoprecalc.errors import InputError, counted
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors, damaged_file
 from aoprecalc.io.formats.gltf.compression import decompress
 from aoprecalc.io.formats.gltf.document import (
@@ -21,7 +21,7 @@ from aoprecalc.io.formats.gltf.document import (
     raw_values,
     unknown_chunks,
 )
-from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
+from aoprecalc.io.formats.gltf.materials import LOD, MaterialReader, mirrored_material
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
 from aoprecalc.mesh.surface import face_normals
@@ -30,7 +30,7 @@ from aoprecalc.system import path_from
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
 
 INSTANCING = "EXT_mesh_gpu_instancing"
-LOD = "MSFT_lod"
+_VISIBILITY = "KHR_node_visibility"
 _TRS = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
 
 
@@ -41,11 +41,13 @@ class SceneNode:
     matrix   (4, 4) float64, local to world
     names    of the node and its ancestors
     lod      the level of detail that it belongs to (MSFT_lod): index of the node of the finest, and which; else None
+    hidden   it, or a node above it, is not visible (KHR_node_visibility)
     """
 
     matrix: Float64Array
     names: frozenset[str]
     lod: tuple[int, int] | None = None
+    hidden: bool = False
 
 
 def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
@@ -63,7 +65,8 @@ def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
             raise damaged_file(document.path, f"node {index} is reached twice, a tree of nodes was expected")
         node = document.entry("nodes", index)
         names = parent.names | ({node["name"]} if node.get("name") else set())
-        placed[index] = SceneNode(parent.matrix @ _local_matrix(node), names, levels.get(index, parent.lod))
+        hidden = parent.hidden or not node.get("extensions", {}).get(_VISIBILITY, {}).get("visible", True)
+        placed[index] = SceneNode(parent.matrix @ _local_matrix(node), names, levels.get(index, parent.lod), hidden)
         pending.extend((child, placed[index]) for child in reversed(node.get("children", [])))
         coarser = [other for other, (finest, _) in levels.items() if finest == index and other not in named]
         pending.extend((other, parent) for other in reversed(coarser) if other != index)
@@ -171,10 +174,13 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     nodes = scene_nodes(document)
     materials = MaterialReader(document)
     pieces: list[MeshPiece] = []
-    skipped = 0
+    skipped = hidden = 0
     for number, scene_node in nodes.items():
         node = document.entry("nodes", number)
         if "mesh" not in node:
+            continue
+        if scene_node.hidden:
+            hidden += 1
             continue
         mesh = document.entry("meshes", node["mesh"])
         name = node.get("name") or mesh.get("name") or f"mesh {node['mesh']}"
@@ -196,6 +202,11 @@ def read_gltf(path: Path, data: bytes) -> Scene:
         messages.append(f"{path} has {counted(others, 'chunk')} beside JSON and BIN, which a baked copy lacks")
     if skipped:
         messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
+    if hidden:
+        told = f"{counted(hidden, 'mesh', 'meshes')} of hidden nodes ({_VISIBILITY})"
+        if not pieces:
+            raise InputError(f"{path}: all its faces are in {told}; show those that are to be baked")
+        messages.append(Note(f"{told}: left out, neither baked nor in the way of light"))
     scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
     return replace(scene, parts=_instances(scene.parts, nodes))
 
