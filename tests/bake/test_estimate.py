@@ -9,18 +9,19 @@ from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.visibility.directions import light_axes
-from aoprecalc.visibility.gather import estimate, sampling_error
+from aoprecalc.visibility.gather import sampling_error
+from aoprecalc.visibility.integrand import Integrand
 from shapes import ball, quad, scene
 
 
 def test_ratio_is_the_quotient_and_needs_a_denominator():
-    values, measured = estimate(np.array([[1.0, 4.0], [0.0, 2.0], [3.0, 3.0], [0.0, 0.0]]), 100, "ratio")
+    values, measured = Integrand().estimate(np.array([[1.0, 4.0], [0.0, 2.0], [3.0, 3.0], [0.0, 0.0]]), 100)
     assert values.tolist() == [0.25, 0.0, 1.0, 0.0]
     assert measured.tolist() == [True, True, True, False]
 
 
 def test_mean_is_the_sources_sum_and_may_exceed_one():
-    values, _ = estimate(np.array([[10.0, 25.0], [30.0, 31.0]]), 100, "mean")
+    values, _ = Integrand("mean").estimate(np.array([[10.0, 25.0], [30.0, 31.0]]), 100)
     assert values.tolist() == pytest.approx([0.4, 1.2])
 
 
@@ -94,7 +95,7 @@ def test_random_halves_of_any_size_tell_the_error_of_their_sum_seed_4(first, sec
     rng, texels, share = np.random.default_rng(4), 20_000, 0.3
     visible = np.stack([rng.binomial(count, share, texels) for count in (first, second)])
     halves = np.stack([visible, np.broadcast_to([[first], [second]], visible.shape)], axis=2).astype(float)
-    told = sampling_error(halves, [first, second], "ratio", "random")
+    told = sampling_error(halves, [first, second], Integrand(), "random")
     assert told == pytest.approx(np.sqrt(share * (1 - share) / (first + second)), rel=0.03)
 
 
@@ -107,5 +108,5 @@ def test_even_halves_of_any_size_tell_the_error_of_their_sum_seed_5(part):
     together = (whole**2 - ((counts / 1000 * spread) ** 2).sum()) / (2 * part * (1 - part))
     errors = rng.multivariate_normal([0, 0], [[spread[0] ** 2, together], [together, spread[1] ** 2]], texels).T
     halves = np.stack([(0.6 + errors) * counts[:, None], np.broadcast_to(counts[:, None], errors.shape)], axis=2)
-    told = sampling_error(halves, list(counts), "ratio", "fibonacci")
+    told = sampling_error(halves, list(counts), Integrand(), "fibonacci")
     assert told == pytest.approx(whole, rel=0.02)

@@ -9,6 +9,7 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, build_layout
 from aoprecalc.types import Atlas
 from aoprecalc.visibility.directions import convex_hull_points, fit_projections, light_axes
+from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import RayTester
 from shapes import clutter, scene, triangle_a_cell
 
@@ -65,8 +66,8 @@ def test_maps_and_rays_agree_with_slow_rays(renderer, seed):
     slow = expected(surface, samples)
     # What differs by maps is within a map texel of a silhouette or a crease; by rays, where they graze an edge.
     for tester, mean, for_90, for_99 in (
-        (DepthMapTester(renderer, surface, len(samples.faces), 2048), 1e-3, 1e-4, 0.02),
-        (RayTester(surface), 1e-4, 2e-7, 2e-7),
+        (DepthMapTester(renderer, surface, Integrand(), len(samples.faces), 2048), 1e-3, 1e-4, 0.02),
+        (RayTester(surface, Integrand()), 1e-4, 2e-7, 2e-7),
     ):
         fast = tester.accumulate(samples, AXES, Progress())
         assert fast[:, 1] == pytest.approx(slow[:, 1], rel=3e-5)

@@ -11,6 +11,7 @@ from aoprecalc.mesh.surface import SurfacePoints, sample_surface, shading_normal
 from aoprecalc.metrics.errors import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
+from aoprecalc.visibility.integrand import Integrand
 from shapes import ball, disc, join, scene, torus
 
 
@@ -18,7 +19,9 @@ def values(made, points, normals="smooth", **options):
     given = VerifyOptions(**{"rays": 2304, **options})
     value = given.value_options()
     shading = shading_normals(made, normals)
-    return reference_ao(assign_roles(made, value), shading, points, given, Progress(), value.estimator)
+    return reference_ao(
+        assign_roles(made, value), shading, points, given, Progress(), Integrand.from_options(value, made)
+    )
 
 
 def spread(made, count=200):

@@ -336,9 +336,7 @@ def _measure(
     """Measure a texture of the bake against ray tracing."""
     how = VerifyOptions(threads=options.threads)
     with timer.stage("verify", how.points, "points"):
-        return measure_texture(
-            baked.scene, baked.atlas, baked.normals, texture, how, progress, estimator=options.estimator
-        )
+        return measure_texture(baked.scene, baked.atlas, baked.normals, texture, how, progress, value=options)
 
 
 def _messages(baked: Baked) -> tuple[str, ...]:

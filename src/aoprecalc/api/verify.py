@@ -30,7 +30,7 @@ from aoprecalc.metrics.errors import (
     stratified_ray_count,
     worst_points,
 )
-from aoprecalc.options import Estimator, ValueOptions, VerifyOptions
+from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
@@ -38,6 +38,7 @@ from aoprecalc.render.comparison import error_heat_map, heat_map_size
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Scene
 from aoprecalc.uv.checks import MAX_OVERLAP
+from aoprecalc.visibility.integrand import Integrand
 
 _FEW_POINTS = 1000  # that leave the RMS error of a part uncertain by several per cent
 
@@ -202,7 +203,7 @@ def verify(
                 picture.values,
                 options,
                 progress,
-                estimator=surface.options.estimator,
+                value=surface.options,
             )
         if "heat_map" in paths:
             with timer.stage("heat map"):
@@ -229,17 +230,19 @@ def measure_texture(
     options: VerifyOptions,
     progress: Progress,
     *,
-    estimator: Estimator,
+    value: ValueOptions,
 ) -> TextureErrors:
     """Measure a texture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
     scene     with the roles of its parts; see `assign_roles`
     atlas     UVs of the texture; the faces that it maps are measured, some of them have area
     normals   (f, 3, 3) float32: the shading normals at the corners
+    value     what the texture should hold
     Raises RendererError where rays cannot be cast.
     """
     points = sample_surface(scene, atlas.mapped, options.points, options.seed)
-    expected = reference_ao(scene, normals, points, options, progress, estimator)
+    integrand = Integrand.from_options(value, scene)
+    expected = reference_ao(scene, normals, points, options, progress, integrand)
     uvs, positions = points.interpolate(atlas.uvs), points.interpolate(scene.corners)
     values = bilinear(texture, uvs, repeats=atlas.repeats)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))

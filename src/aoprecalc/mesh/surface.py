@@ -185,6 +185,7 @@ class NormalizedSurface:
     receiving_points   (r, 3) float32: the positions that receive
     has_outer_occluders   something occludes that does not receive, and so may reach beyond the receiving points
     ground_normal      the unit vector away from the infinite ground plane; None where there is none
+    unit               the length of 1 in the units of the mesh
     """
 
     positions: Float32Array
@@ -195,6 +196,7 @@ class NormalizedSurface:
     receiving_points: Float32Array
     has_outer_occluders: bool
     ground_normal: tuple[float, float, float] | None
+    unit: float
 
     @classmethod
     def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
@@ -227,6 +229,7 @@ class NormalizedSurface:
             receiving_points=normalized(receiving).astype(np.float32),
             has_outer_occluders=bool((scene.occludes & ~scene.receives).any()),
             ground_normal=scene.ground_normal,
+            unit=radius,
         )
 
     def is_below_ground(self, directions: NDArray[np.floating]) -> BoolArray:
@@ -235,6 +238,12 @@ class NormalizedSurface:
         return (
             below if self.ground_normal is None else directions @ np.asarray(self.ground_normal, directions.dtype) < 0
         )
+
+    @property
+    def ground_height(self) -> float:
+        """The height of the ground plane along its normal, in normalized units: the lowest point is on it."""
+        up = np.asarray(self.ground_normal)
+        return float(min((self.receiving_points @ up).min(), (self.occluders @ up).min()))
 
     def flipped(self) -> Self:
         """Return the surface with its other side in front."""

@@ -8,16 +8,18 @@ import numpy as np
 from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
 from aoprecalc.mesh.topology import edge_ids
-from aoprecalc.options import Estimator, VerifyOptions
+from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear, mip_chain
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
-from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster
+from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.rays import RAY_OFFSET, RayOcclusion
 
 MIP_LEVELS = 5
 _MIN_SEPARATION = 0.01  # of two of the worst points, / bounding box diagonal
 _RAYS_PER_CHUNK = 1 << 20  # cast at once: about 60 MB
+_COSINE = Integrand()
 
 
 @dataclass(frozen=True)
@@ -190,16 +192,17 @@ def reference_ao(
     points: SurfacePoints,
     options: VerifyOptions,
     progress: Progress,
-    estimator: Estimator = "ratio",
+    integrand: Integrand = _COSINE,
 ) -> Float64Array:
     """Compute the ambient occlusion at surface points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
     options   `rays`, `seed` and `threads` are used
 
-    Rays w are distributed by their cosine with the interpolated shading normal n. Estimator ratio: the visible fraction
-    of the rays above the geometric horizon, g.w > 0 with the face normal g; mean: the number of these visible rays /
-    the number of all rays. If n opposes g, g replaces it. Two-sided faces have the maximum of both sides' values.
+    Rays w are distributed by the integrand's weight, as a rule their cosine with the interpolated shading normal n.
+    Estimator ratio: the visible fraction of the rays above the geometric horizon, g.w > 0 with the face normal g; mean:
+    the number of these visible rays / the number of all rays. If n opposes g, g replaces it. Two-sided faces have the
+    maximum of both sides' values.
     Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
     """
     values: Float64Array = np.zeros(len(points))
@@ -207,7 +210,7 @@ def reference_ao(
     for baked in passes:
         chosen = np.flatnonzero(baked.receives[points.faces]) if len(passes) > 1 else np.arange(len(points))
         own = SurfacePoints(points.faces[chosen], points.weights[chosen])
-        values[chosen] = _in_one_pass(baked, shading, own, options, progress, estimator)
+        values[chosen] = _in_one_pass(baked, shading, own, options, progress, integrand)
     return values
 
 
@@ -217,26 +220,25 @@ def _in_one_pass(
     points: SurfacePoints,
     options: VerifyOptions,
     progress: Progress,
-    estimator: Estimator,
+    integrand: Integrand,
 ) -> Float64Array:
     """Return the ambient occlusion at points of parts that are baked together."""
     surface = NormalizedSurface.from_scene(scene, shading)
-    occluders = RayCaster(surface.occluders, options.threads)
+    rays = RayOcclusion(surface, integrand, options.threads)
     positions, normals, geometric = surface.interpolate(points.faces, points.weights)
-    values = _one_side(surface, occluders, (positions, normals, geometric), options, estimator, progress)
+    values = _one_side(rays, (positions, normals, geometric), options, integrand, progress)
     two_sided = np.flatnonzero(scene.two_sided[points.faces])
     behind = positions[two_sided], -normals[two_sided], -geometric[two_sided]
-    back = _one_side(surface, occluders, behind, options, estimator, Progress())
+    back = _one_side(rays, behind, options, integrand, Progress())
     values[two_sided] = np.maximum(values[two_sided], back)
     return values
 
 
 def _one_side(
-    surface: NormalizedSurface,
-    occluders: RayCaster,
+    occluders: RayOcclusion,
     points: tuple[Float64Array, Float64Array, Float64Array],
     options: VerifyOptions,
-    estimator: Estimator,
+    integrand: Integrand,
     progress: Progress,
 ) -> Float64Array:
     """Return the values of points on one side: their positions, shading normals and face normals, (k, 3) each."""
@@ -248,29 +250,31 @@ def _one_side(
     for start in range(0, len(positions), chunk_size):
         chunk = slice(start, start + chunk_size)
         upward = geometric[chunk].astype(np.float32)
-        directions = _cosine_directions(normals[chunk], rays, rng)
+        directions = _directions(normals[chunk], rays, rng, integrand)
         above_horizon = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
         origins = np.repeat((positions[chunk] + RAY_OFFSET * geometric[chunk]).astype(np.float32), rays, axis=0)
-        occluded = occluders.occluded(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
-        visible = above_horizon & ~occluded & ~surface.is_below_ground(directions)
-        values[chunk] = _estimate(visible.sum(axis=1), above_horizon.sum(axis=1), rays, estimator)
+        taken = occluders.occlusion(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
+        visible = (above_horizon * (1 - taken)).sum(axis=1)
+        counted = rays if integrand.estimator == "mean" else np.maximum(above_horizon.sum(axis=1), 1)
+        values[chunk] = visible / counted
         progress.advance(len(upward))
     return values
 
 
-def _estimate(visible: Float64Array, above_horizon: Float64Array, rays: int, estimator: Estimator) -> Float64Array:
-    return visible / rays if estimator == "mean" else visible / np.maximum(above_horizon, 1)
+def _directions(normals: Float64Array, rays: int, rng: np.random.Generator, integrand: Integrand) -> Float32Array:
+    """Sample unit directions by their weight about m normals, (m, rays, 3), stratified in a square grid.
 
-
-def _cosine_directions(normals: Float64Array, rays: int, rng: np.random.Generator) -> Float32Array:
-    """Sample unit directions with density cos / pi about m normals, (m, rays, 3), stratified in a square grid.
-
-    Points uniform on the unit disc are projected up onto the hemisphere (Malley's method).
+    By cosine, points uniform on a disc are projected up onto the hemisphere (Malley's method); without weight, heights
+    are uniform (Archimedes).
     """
     side = math.isqrt(rays)
     ring, sector = np.divmod(np.arange(rays, dtype=np.float32), np.float32(side))
-    sin_squared = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)
+    uniform = (ring + rng.random((len(normals), rays), np.float32)) / np.float32(side)
     azimuth = (sector + rng.random((len(normals), rays), np.float32)) * np.float32(2 * np.pi / side)
+    if integrand.weight == "cosine":
+        sin_squared = uniform * np.float32(1 - integrand.min_cosine**2)
+    else:
+        sin_squared = 1 - (1 - uniform * np.float32(1 - integrand.min_cosine)) ** 2
     radius = np.sqrt(sin_squared)
     bases = np.stack([*orthonormal_basis(normals), normals], axis=1)
     cos = np.sqrt(np.maximum(1 - sin_squared, 0))

@@ -14,6 +14,7 @@ from aoprecalc.options.bake import (  # fmt: skip
     BakeOptions,
     BitDepth,
     Estimator,
+    Falloff,
     Fill,
     Instances,
     LightOptions,
@@ -24,6 +25,7 @@ from aoprecalc.options.bake import (  # fmt: skip
     Up,
     ValueOptions,
     VerifyOptions,
+    Weight,
 )
 from aoprecalc.options.others import (  # fmt: skip
     BatchOptions,
@@ -52,6 +54,7 @@ __all__ = [
     "BitDepth",
     "CompareOptions",
     "Estimator",
+    "Falloff",
     "FigureOptions",
     "Fill",
     "Init",
@@ -71,6 +74,7 @@ __all__ = [
     "Up",
     "ValueOptions",
     "VerifyOptions",
+    "Weight",
     "listed",
     "names_extensions",
     "with_extensions",

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.fields import (  # fmt: skip
     BYTES,
+    DISTANCE,
     SHADOW_SIZE,
     SIZE,
     Option,
@@ -26,6 +27,9 @@ BitDepth = Literal["auto", "8", "16", "half", "float"]
 Instances = Literal["bake", "share"]
 Pack = Literal["none", "orm"]
 Up = Literal["auto", "x", "y", "z"]
+Falloff = Literal["none", "linear", "smooth"]
+Weight = Literal["cosine", "uniform"]
+Distance = float | str  # in the units of the mesh, or such as "10%"
 
 # Above this many triangles `unwrap="auto"` prefers uvunwrap, 10 to 40 times faster than xatlas on large surfaces.
 LARGE_MESH = 30_000
@@ -45,6 +49,19 @@ _measurement = partial(Option, group="Measurement")
 EstimatorField = Annotated[Estimator, _visibility(
     "ratio: the visible share of the cosine-weighted directions; mean: the plain Monte Carlo sum.",
     more="The ratio is exactly 1 on an open point; the sum is clamped to 1.")]
+MaxDistanceField = Annotated[Distance | None, _visibility(
+    "Farther occluders do not count: a length in the units of the mesh, or a share of its diagonal such as 10%.",
+    default_text="no limit", quantity=DISTANCE,
+    more="The diagonal is that of the bounding box of what is baked. Rays are traced: depth maps do not tell how far "
+    "away an occluder is.")]
+FalloffField = Annotated[Falloff, _visibility(
+    "How occluders count less up to `max_distance`: not at all less (none), linearly or smoothly.",
+    more="At the share x of the maximum distance an occluder takes 1, 1 - x or 1 - 3x^2 + 2x^3 of the light.")]
+ConeField = Annotated[float, _visibility(
+    "Opening angle of the cone of directions about the normal; 180 is the hemisphere.", range=(0, 180), above_min=True,
+    unit="degrees", metavar="DEG")]
+WeightField = Annotated[Weight, _visibility(
+    "Weight of a direction: its cosine with the normal, or the same for all.")]
 NormalsField = Annotated[Normals, _mesh(
     "Shading normals. auto: the file's, else smooth ones.", more="A glTF file without normals gets flat ones.")]
 CreaseAngleField = Annotated[float | None, _mesh(
@@ -103,11 +120,25 @@ class ValueOptions(LightOptions):
     """
 
     estimator: EstimatorField = "ratio"
+    max_distance: MaxDistanceField = None
+    falloff: FalloffField = "none"
+    cone: ConeField = 180
+    weight: WeightField = "cosine"
     normals: NormalsField = "auto"
     crease_angle: CreaseAngleField = None
     instances: Annotated[Instances, _mesh(
         "Bake each instance of a mesh into texels of its own, or let them share texels.",
         more="Shared texels hold the mean of the instances' values.")] = "bake"
+
+    def __post_init__(self) -> None:
+        """Check every value; raise ArgumentError where one is wrong."""
+        super().__post_init__()
+        if self.falloff != "none" and self.max_distance is None:
+            raise ArgumentError(
+                "falloff",
+                f"is {self.falloff!r}, but occluders count at any distance; add {{max_distance}}",
+                "max_distance",
+            )
 
 
 class _TextureSize:
@@ -189,6 +220,12 @@ class BakeOptions(_TextureSize, ValueOptions):
             object.__setattr__(self, "width", width)
             object.__setattr__(self, "height", height)
         super().__post_init__()
+        if self.backend == "gl" and self.max_distance is not None:
+            raise ArgumentError(
+                "backend",
+                "is 'gl', but depth maps do not tell how far away an occluder is, as {max_distance} needs; omit one",
+                "max_distance",
+            )
 
 
 @documented
@@ -207,6 +244,10 @@ class VerifyOptions(Validated):
         "noise of about 0.002.")] = 48 * 48
     seed: Annotated[int, _measurement("Seed of the points and the rays.", range=(0, 2**32 - 1))] = 0
     estimator: EstimatorField | None = None
+    max_distance: MaxDistanceField | None = None
+    falloff: FalloffField | None = None
+    cone: ConeField | None = None
+    weight: WeightField | None = None
     normals: NormalsField | None = None
     crease_angle: CreaseAngleField | None = None
     tolerance: Annotated[float | None, _measurement(

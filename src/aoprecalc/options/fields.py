@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from aoprecalc.errors import ArgumentError
 
-Kind = Literal["flag", "choice", "names", "integers", "vector", "size", "integer", "number", "text"]
+Kind = Literal["flag", "choice", "names", "integers", "vector", "size", "distance", "integer", "number", "text"]
 # Kind of value -> its type in docstrings, what is expected in messages.
 _WORDS: dict[Kind, tuple[str, str]] = {
     "flag": ("bool", "true or false"),
@@ -27,6 +27,7 @@ _WORDS: dict[Kind, tuple[str, str]] = {
     "integers": ("tuple of int", "a list of whole numbers"),
     "vector": ("(float, float, float)", "three finite numbers, not all 0"),
     "size": ("int or (int, int)", "a whole number{bounds}, or a width and a height"),
+    "distance": ("float or str", "a length above 0, or a share of the diagonal such as '10%'"),
     "integer": ("int", "a whole number{bounds}"),
     "number": ("float", "a number{bounds}"),
     "text": ("str", "a text"),
@@ -112,6 +113,8 @@ class OptionField:
         if origin is tuple:
             kinds_of_entries: dict[Any, Kind] = {str: "names", float: "vector"}
             return kinds_of_entries.get(arguments[0], "integers")
+        if {float, str} <= {*arguments}:
+            return "distance"
         kinds: dict[Any, Kind] = {bool: "flag", int: "integer", float: "number", str: "text"}
         return kinds.get(self.type, "size")
 
@@ -174,6 +177,8 @@ class OptionField:
             vector = tuple(float(self._number(entry)) for entry in value)
             if len(vector) == 3 and any(vector) and all(map(isfinite, vector)):
                 return vector
+        if self.kind == "distance":
+            return _read_distance(value) if isinstance(value, str) else self._positive(value)
         if self.kind == "size":
             width, height = value if isinstance(value, tuple | list) else (value, value)
             return self._number(width), self._number(height)
@@ -181,9 +186,16 @@ class OptionField:
             return self._number(value)
         raise TypeError
 
+    def _positive(self, value: Any) -> float:
+        """Return a finite number above 0; raises TypeError or ValueError."""
+        number = float(self._number(value))
+        if not 0 < number < inf:
+            raise ValueError
+        return number
+
     def _number(self, value: Any) -> int | float:
         """Return a number in the range; raises TypeError or ValueError."""
-        whole = self.kind not in ("number", "vector")
+        whole = self.kind not in ("number", "vector", "distance")
         accepted: Any = Integral if whole else Real
         if isinstance(value, bool) or not isinstance(value, accepted):
             raise TypeError
@@ -322,6 +334,14 @@ def _read_vector(text: str) -> tuple[float, ...]:
     return vector
 
 
+def _read_distance(text: str) -> float | str:
+    share = text.strip().endswith("%")
+    number = float(text.strip().removesuffix("%"))
+    if not 0 < number < inf:
+        raise ValueError
+    return f"{number:g}%" if share else number
+
+
 def _read_bytes(text: str) -> int:
     match = _match(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT])(?:i?B)?", text)
     return int(float(match[1]) * 1024 ** (1 + "KMGT".index(match[2].upper())))
@@ -350,6 +370,12 @@ VECTOR = Quantity(
     lambda vector: ",".join(f"{number!r}" for number in vector),
     "three numbers, not all 0, such as 1,0.5,-2",
     "X,Y,Z",
+)
+DISTANCE = Quantity(
+    _read_distance,
+    lambda distance: distance if isinstance(distance, str) else f"{distance!r}",
+    "a length above 0, or a share of the diagonal such as 10%",
+    "X|X%",
 )
 # K, M, G and T are powers of 1024; so are KB, KiB, ...
 BYTES = Quantity(_read_bytes, _write_bytes, "an amount of memory with K, M, G or T, such as 1.5G", "SIZE")

@@ -17,6 +17,7 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import Layout, Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections
+from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import RayTester, cast_depths, embreex_problem, require_embreex
 
 
@@ -24,11 +25,11 @@ class VisibilityTester(Protocol):
     """Tests samples of one surface for visibility, any number of times."""
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return the cosine weights of k samples, summed over both directions of (a, 3) axes, (k, 2) float32.
+        """Return the weights of k samples, summed over both directions of (a, 3) axes, (k, 2) float32.
 
-        The first is the sum of max(0, n.w) [g.w > 0] visible(w), the integrand of Précalcul, equation 1.1.1.1; the
-        second is the same without visible(w). Both are 0 where there is no sample. Directions done are counted on
-        `progress`, two for each axis.
+        The first is the sum of f(n.w) [g.w > 0] visible(w), see `Integrand`: that of Précalcul, equation 1.1.1.1, for
+        f = max(0, n.w); the second is the same without visible(w). Both are 0 where there is no sample. Directions
+        done are counted on `progress`, two for each axis.
         """
         ...
 
@@ -51,7 +52,9 @@ class Backend(Protocol):
         """Return a rasterizer of a layout."""
         ...
 
-    def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
+    def tester(
+        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+    ) -> VisibilityTester:
         """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any."""
         ...
 
@@ -98,12 +101,14 @@ class GLBackend:
 
         return GLRasterizer(self._renderer.context, layout)
 
-    def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
+    def tester(
+        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+    ) -> VisibilityTester:
         """Return a DepthMapTester."""
         from aoprecalc.visibility.depth_maps import DepthMapTester
 
         self._renderer.context.gc()  # frees what an earlier tester has allocated
-        return DepthMapTester(self._renderer, surface, max_samples, shadow_size)
+        return DepthMapTester(self._renderer, surface, integrand, max_samples, shadow_size)
 
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
         """Draw a depth map and read it back."""
@@ -135,9 +140,11 @@ class RayBackend:
         """Return a CPURasterizer."""
         return CPURasterizer(layout)
 
-    def tester(self, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> VisibilityTester:
+    def tester(
+        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+    ) -> VisibilityTester:
         """Return a RayTester."""
-        return RayTester(surface, self._threads)
+        return RayTester(surface, integrand, self._threads)
 
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
         """Cast rays from both ends of the axis."""
@@ -149,10 +156,14 @@ class RayBackend:
 
 @contextmanager
 def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
-    """Open the backend that `options` ask for; auto is gl, else ray with a note.
+    """Open the backend that `options` ask for; auto is gl, else ray with a note; rays where distances count.
 
     Raises RendererError where there is none.
     """
+    if options.max_distance is not None:
+        progress.note("rays are traced: depth maps do not tell how far away an occluder is (--max-distance)")
+        yield RayBackend(options.threads)
+        return
     with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
         yield RayBackend(options.threads) if renderer is None else GLBackend(renderer)
 

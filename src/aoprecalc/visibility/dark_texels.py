@@ -24,7 +24,7 @@ from aoprecalc.types import (
 )
 from aoprecalc.visibility.backend import Backend, RayBackend
 from aoprecalc.visibility.directions import MIN_SHADOW_SIZE, light_axes
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, estimate
+from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion
 from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster, embreex_problem
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 
@@ -91,7 +91,7 @@ def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[
     origins = points[:, None] + RAY_OFFSET * np.sign(cosines)[:, :, None] * geometric[:, None]
     along = np.broadcast_to(directions, origins.shape)
     rays = [np.ascontiguousarray(ends.reshape(-1, 3), np.float32) for ends in (origins, along)]
-    leaves = ~RayCaster(surface.occluders, options.threads).occluded(*rays).reshape(cosines.shape)
+    leaves = ~RayCaster(surface.occluders, options.threads).occluded(rays[0], rays[1]).reshape(cosines.shape)
 
     def open_share(weight: Float64Array) -> Float64Array:
         shares: Float64Array = (weight * leaves).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
@@ -103,8 +103,7 @@ def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[
     on_ground = np.zeros(len(faces), bool)
     if surface.ground_normal is not None:
         up = np.asarray(surface.ground_normal)
-        lowest = min((surface.receiving_points @ up).min(), (surface.occluders @ up).min())
-        on_ground = by_ground & (points @ up <= lowest + _ON_GROUND)
+        on_ground = by_ground & (points @ up <= surface.ground_height + _ON_GROUND)
     inwards = (front < DARK) & (back >= _OPEN_BACK)
     inside = ~inwards & (front == 0)
     return {
@@ -156,6 +155,10 @@ def first_look(
         target_error=None,
         memory_limit=None,
         estimator="ratio",
+        max_distance=None,
+        falloff="none",
+        cone=180,
+        weight="cosine",
     )
     if embreex_problem() is None:
         backend = RayBackend(options.threads)
@@ -169,7 +172,7 @@ def first_look(
         samples = setup.samples(side, slice(0, count), 0)
         visibility = LocalVisibility(setup, side, MIN_SHADOW_SIZE, count, Progress())
         sums = visibility.visibility_sums(samples, slice(0, count), 0)
-        found, measured = estimate(sums, coarse.directions, coarse.estimator)
+        found, measured = setup.integrand.estimate(sums, coarse.directions)
         index = side.texels.index[measured]
         faces.ravel()[index], values.ravel()[index] = samples.faces[measured], found[measured]
     return faces, values

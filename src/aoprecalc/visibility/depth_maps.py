@@ -17,6 +17,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections, convex_hull_points, fit_projections
+from aoprecalc.visibility.integrand import Integrand
 
 # Steps in a map texel to which vertices are snapped: rasterizers do it, and doing it first makes all tiles equal.
 GRID = 256
@@ -166,7 +167,14 @@ class _Store:
 class ReceiverBuffers:
     """The points that receive light, one for each sample, on the renderer, and their visibility sums."""
 
-    def __init__(self, context: moderngl.Context, surface: NormalizedSurface, count: int, maps: DepthMaps) -> None:
+    def __init__(
+        self,
+        context: moderngl.Context,
+        surface: NormalizedSurface,
+        integrand: Integrand,
+        count: int,
+        maps: DepthMaps,
+    ) -> None:
         """Upload the surface, and allocate `count` receivers, which are tested against `maps`."""
         constants: dict[str, float | str] = {"LOCAL_SIZE": f"{_GATHER_LOCAL_SIZE}u", "NO_FACE": _NO_FACE}
         each_axis = " ".join(f"addAxis(one, {5 * axis}); addAxis(other, {5 * axis});" for axis in range(maps.capacity))
@@ -176,7 +184,12 @@ class ReceiverBuffers:
             context,
             __package__,
             "gather.comp.glsl",
-            **constants | {"AXES": maps.capacity, "EACH_AXIS": each_axis, "GRID": float(GRID)},
+            **constants,
+            AXES=maps.capacity,
+            EACH_AXIS=each_axis,
+            GRID=float(GRID),
+            WEIGHT="cosine" if integrand.weight == "cosine" else "1.0",
+            MIN_COSINE=integrand.min_cosine,
         )
         self._gather["max_taps"] = 4
         self._maps = maps
@@ -238,12 +251,14 @@ class ReceiverBuffers:
 class DepthMapTester:
     """A VisibilityTester that renders depth maps and reads them at the samples; see gather.comp.glsl."""
 
-    def __init__(self, renderer: Renderer, surface: NormalizedSurface, max_samples: int, shadow_size: int) -> None:
+    def __init__(
+        self, renderer: Renderer, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+    ) -> None:
         """Allocate for `max_samples` at a time and for maps of `shadow_size` texels a side."""
         self._hull = convex_hull_points(surface.receiving_points.astype(np.float64))
         self._shadow_size, self._ground_normal = shadow_size, surface.ground_normal
         self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size, clip=surface.has_outer_occluders)
-        self._receivers = ReceiverBuffers(renderer.context, surface, max_samples, self._maps)
+        self._receivers = ReceiverBuffers(renderer.context, surface, integrand, max_samples, self._maps)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""

@@ -38,7 +38,8 @@ void addAxis(inout Receiver at, int axis) {
     vec4 across = rows[axis], upward = rows[axis + 1], along = rows[axis + 2];
     vec2 pitch = rows[axis + 3].xy;
     float g_along = dot(at.g, along.xyz), n_along = dot(at.n, along.xyz);
-    float weight = max(0.0, g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0);
+    float cosine = g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0;
+    float weight = cosine > 0.0 && cosine >= MIN_COSINE ? WEIGHT : 0.0;
     float towards = g_along > 0.0 ? 1.0 : -1.0;  // the end of the axis from which light comes
 
     vec2 map = vec2(dot(across, at.point), dot(upward, at.point));

@@ -1,4 +1,4 @@
-"""Ambient occlusion of texels: visibility sums of one group of light axes after the other, and the estimators.
+"""Ambient occlusion of texels: visibility sums of one group of light axes after the other, and their error.
 
 An axis is a pair of opposite light directions, given by one unit vector.
 """
@@ -9,7 +9,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from aoprecalc.options import Estimator, Sampling
+from aoprecalc.options import Sampling
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
@@ -24,28 +24,14 @@ from aoprecalc.types import (
 )
 from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, texel_offset
+from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, SurfaceSide, chunks
 
 MAX_INSTANCES = 8  # instances tested per UV region: 64 axes / 8 = 8 each, one batch of depth maps
 
 
-def estimate(sums: Float32Array, directions: int, estimator: Estimator) -> tuple[Float32Array, BoolArray]:
-    """Return the ambient occlusion of texels, (k,) float32 >= 0, and which of them have a value, (k,) bool.
-
-    sums   (k, 2): the cosine weight of the visible directions, and of all directions in front of the surface
-    ratio  their quotient: self-normalised, exactly 1 on an open point
-    mean   4/N times the first: the Monte Carlo estimate of Précalcul, equation 1.1.1.1, with directions uniform on the
-           sphere (p.d.f. 1 / (4 pi), section 1.1.1); sampling can make it greater than 1
-    """
-    visible, total = sums[:, 0], sums[:, 1]
-    measured = total > 0
-    if estimator == "mean":
-        return visible * np.float32(4.0 / directions), measured
-    return np.divide(visible, total, out=np.zeros_like(visible), where=measured), measured
-
-
 def sampling_error(
-    halves: Float32Array, directions: list[int], estimator: Estimator, sampling: Sampling
+    halves: Float32Array, directions: list[int], integrand: Integrand, sampling: Sampling
 ) -> float | None:
     """Return the expected error of both halves together, RMS over the texels that both measured; None without any.
 
@@ -59,7 +45,7 @@ def sampling_error(
     if not all(directions):
         return None
     (first, measured_first), (second, measured_second) = (
-        estimate(sums, count, estimator) for sums, count in zip(halves, directions, strict=True)
+        integrand.estimate(sums, count) for sums, count in zip(halves, directions, strict=True)
     )
     measured_in_both = measured_first & measured_second
     if not measured_in_both.any():
@@ -141,7 +127,7 @@ class LocalVisibility:
         self, setup: BakeSetup, side: SurfaceSide, shadow_size: int, chunk_size: int, progress: Progress
     ) -> None:
         """Prepare for up to `chunk_size` texels at a time; directions done are counted on `progress`."""
-        self._tester = setup.backend.tester(side.surface, chunk_size, shadow_size)
+        self._tester = setup.backend.tester(side.surface, setup.integrand, chunk_size, shadow_size)
         self._instances = SharedInstances.from_scene(setup.inputs.scene)
         self._setup, self._progress = setup, progress
 
@@ -204,6 +190,7 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     `chunk_size` texels are processed at a time.
     """
     scene, atlas, options, texels = setup.inputs.scene, setup.inputs.atlas, setup.inputs.options, side.texels
+    integrand = setup.integrand
     reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats)
     face_areas = area_per_texel(scene, atlas, texels)
     halves = np.zeros((2, len(texels), 2), np.float32)
@@ -218,16 +205,16 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
             for start in range(0, len(sums), FIT_CHUNK):
                 rows = slice(start, start + FIT_CHUNK)
                 part = Samples(samples.faces[rows], samples.weights[rows])
-                values, measured = estimate(sums[rows], count, options.estimator)
-                # Weight each group as `estimate` weights it in the total.
-                total = sums[rows, 1] if options.estimator == "ratio" else count
+                values, measured = integrand.estimate(sums[rows], count)
+                # Weight each group as the estimator weights it in the total.
+                total = sums[rows, 1] if integrand.estimator == "ratio" else count
                 weights = np.where(measured, total * face_areas[part.faces], 0.0)
                 positions = texel_positions(atlas, texels, part)
                 reconstruction.add_samples(positions, 1.0 - values, weights, texel_offset(number))
         used[number % 2] += count
         if number % 2 or group is setup.groups[-1]:
-            error = sampling_error(halves, used, options.estimator, options.sampling)
+            error = sampling_error(halves, used, integrand, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
-    values, measured = estimate(halves.sum(axis=0), sum(used), options.estimator)
+    values, measured = integrand.estimate(halves.sum(axis=0), sum(used))
     return TexelOcclusion(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)

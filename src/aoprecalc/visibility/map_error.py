@@ -9,7 +9,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import area_per_texel, doubled_uv_areas
 from aoprecalc.types import Float64Array, Texels
 from aoprecalc.visibility.directions import map_texel
-from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion, estimate
+from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion
 from aoprecalc.visibility.rays import RayTester, embreex_problem
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
@@ -83,7 +83,8 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
     options, index = setup.inputs.options, found.texels.index
     chosen = np.sort(np.random.default_rng(0).choice(len(index), min(_CHECKED, len(index)), replace=False))
     checked = replace(side, texels=Texels(found.texels.width, found.texels.height, index[chosen]))
-    tester, instances = RayTester(side.surface, options.threads), SharedInstances.from_scene(setup.inputs.scene)
+    tester = RayTester(side.surface, setup.integrand, options.threads)
+    instances = SharedInstances.from_scene(setup.inputs.scene)
     sums, used = np.zeros((len(chosen), 2), np.float32), 0
     for number, group in enumerate(setup.groups):
         samples = setup.samples(checked, slice(0, len(chosen)), number)
@@ -91,7 +92,7 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
         used += 2 * (group.stop - group.start)
         if used >= found.directions:
             break
-    values, measured = estimate(sums, used, options.estimator)
+    values, measured = setup.integrand.estimate(sums, used)
     both = measured & found.measured[chosen]
     difference = np.clip(values, 0.0, 1.0)[both] - found.values[chosen][both]
     return float(np.mean(difference**2)) if both.any() else 0.0

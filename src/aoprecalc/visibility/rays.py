@@ -4,6 +4,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
+from math import inf
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from aoprecalc.raster.layout import Samples
 from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 from aoprecalc.visibility.directions import Projections
+from aoprecalc.visibility.integrand import Integrand
 
 # Distance above its face at which a ray starts, as a share of the bounding radius, so that it does not hit that face;
 # 32-bit positions are good to 1e-7. With ten times as much, rays near a concave edge start behind the neighbouring
 # face, which then cannot occlude them.
 RAY_OFFSET = 1e-5
 _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
-_MAX_DISTANCE = 1e30  # Embree gives more where a ray hits nothing
+_FAR = 1e30  # Embree gives more where a ray hits nothing
 _ABOVE = 1.5  # distance from the origin at which rays along an axis start, outside the unit sphere
 
 
@@ -60,8 +62,8 @@ class RayCaster:
         self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
         self._threads = threads or whole_cores()
 
-    def occluded(self, origins: Float32Array, directions: Float32Array) -> BoolArray:
-        """Return which of k rays hit a triangle, (k,) bool.
+    def occluded(self, origins: Float32Array, directions: Float32Array, max_distance: float = _FAR) -> BoolArray:
+        """Return which of k rays hit a triangle nearer than `max_distance`, (k,) bool.
 
         origins      (k, 3) float32
         directions   (k, 3) float32, or (1, 3) for parallel rays
@@ -71,7 +73,7 @@ class RayCaster:
         def cast(start: int) -> None:
             chunk = slice(start, start + _CHUNK_RAYS)
             along = directions if len(directions) == 1 else directions[chunk]
-            hits[chunk] = self._scene.run(origins[chunk], along, query="OCCLUDED") >= 0
+            hits[chunk] = self._scene.run(origins[chunk], along, max_distance, query="OCCLUDED") >= 0
 
         self._for_chunks(cast, len(origins))
         return hits
@@ -92,20 +94,21 @@ class RayCaster:
         self._for_chunks(cast, len(directions))
         return hits
 
-    def distances(self, origins: Float32Array, direction: Float32Array) -> Float32Array:
-        """Return how far k parallel rays go until they hit a triangle, (k,) float32; NaN where they hit none.
+    def distances(self, origins: Float32Array, directions: Float32Array) -> Float32Array:
+        """Return how far k rays go until they hit a triangle, (k,) float32; NaN where they hit none.
 
-        origins     (k, 3) float32
-        direction   (1, 3) float32, a unit vector
+        origins      (k, 3) float32
+        directions   (k, 3) float32 unit vectors, or (1, 3) for parallel rays
         """
         lengths = np.empty(len(origins), np.float32)
 
         def cast(start: int) -> None:
             chunk = slice(start, start + _CHUNK_RAYS)
-            lengths[chunk] = self._scene.run(origins[chunk], direction, query="DISTANCE")
+            along = directions if len(directions) == 1 else directions[chunk]
+            lengths[chunk] = self._scene.run(origins[chunk], along, query="DISTANCE")
 
         self._for_chunks(cast, len(origins))
-        lengths[lengths > _MAX_DISTANCE] = np.nan
+        lengths[lengths > _FAR] = np.nan
         return lengths
 
     def _for_chunks(self, cast: Callable[[int], None], count: int) -> None:
@@ -114,13 +117,45 @@ class RayCaster:
             list(pool.map(cast, range(0, count, _CHUNK_RAYS)))
 
 
+class RayOcclusion:
+    """How much of the light the occluders of a surface, and the ground, take, by rays."""
+
+    def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
+        """Build the occluders. Raises RendererError where embreex is not installed."""
+        self._surface, self._integrand = surface, integrand
+        self._occluders = RayCaster(surface.occluders, threads)
+
+    def occlusion(self, origins: Float32Array, directions: Float32Array) -> Float64Array:
+        """Return the share of the light from each of k directions that is taken, (k,) in [0, 1].
+
+        origins      (k, 3) float32
+        directions   (k, 3) float32 unit vectors, or (1, 3) for parallel rays
+        """
+        surface, integrand = self._surface, self._integrand
+        below = surface.is_below_ground(directions)
+        if integrand.max_distance == inf:
+            if below.all():
+                return np.ones(len(origins))
+            return np.where(below, 1.0, self._occluders.occluded(origins, directions))
+        if integrand.falloff == "none":
+            taken = self._occluders.occluded(origins, directions, integrand.max_distance / surface.unit).astype(float)
+        else:
+            taken = integrand.occlusion(self._occluders.distances(origins, directions) * surface.unit)
+        if below.any():
+            up = np.asarray(surface.ground_normal)
+            slopes = np.where(below, -(directions @ up), 1.0)
+            to_ground = np.maximum(origins @ up - surface.ground_height, 0) / slopes
+            taken = np.where(below, np.maximum(taken, integrand.occlusion(to_ground * surface.unit)), taken)
+        return taken
+
+
 class RayTester:
     """A VisibilityTester that casts a ray from every sample along every direction in front of it."""
 
-    def __init__(self, surface: NormalizedSurface, threads: int = 0) -> None:
+    def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
         """Build the occluders. Raises RendererError where embreex is not installed."""
-        self._surface = surface
-        self._occluders = RayCaster(surface.occluders, threads)
+        self._surface, self._integrand = surface, integrand
+        self._rays = RayOcclusion(surface, integrand, threads)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""
@@ -131,15 +166,11 @@ class RayTester:
         for axis in axes:
             g_dot_axis, n_dot_axis = geometric @ axis, normals @ axis
             for sign in (1.0, -1.0):
-                in_front = np.flatnonzero((sign * g_dot_axis > 0) & (sign * n_dot_axis > 0))
-                weights = np.abs(n_dot_axis[in_front])
-                direction = sign * axis
-                if self._surface.is_below_ground(direction):
-                    occluded = np.ones(len(in_front), bool)
-                else:
-                    occluded = self._occluders.occluded(origins[in_front], direction[None].astype(np.float32))
-                total[in_front] += weights
-                visible[in_front] += np.where(occluded, 0, weights)
+                weights = self._integrand.weights(sign * n_dot_axis)
+                in_front = np.flatnonzero((sign * g_dot_axis > 0) & (weights > 0))
+                taken = self._rays.occlusion(origins[in_front], (sign * axis)[None].astype(np.float32))
+                total[in_front] += weights[in_front]
+                visible[in_front] += weights[in_front] * (1 - taken)
                 progress.advance()
         sums = np.zeros((len(samples.faces), 2), np.float32)
         sums[with_face] = np.column_stack([visible, total])

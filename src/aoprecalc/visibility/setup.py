@@ -16,6 +16,7 @@ from aoprecalc.system import resident_memory
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
+from aoprecalc.visibility.integrand import Integrand
 
 FIT_CHUNK = 1 << 20  # texels added to the least-squares image at a time, at any chunk size: no sum depends on that
 
@@ -122,6 +123,7 @@ class BakeSetup:
     """The inputs of a bake, ready to run on a backend.
 
     axes     (a, 3) float64 unit vectors
+    integrand   what each direction counts for
     groups   slices of the axes, in the order in which their sums are added
     texels   all that the surface covers
     sides    the front, and the back where some faces are two-sided, in each pass: see `baked_apart`
@@ -132,6 +134,7 @@ class BakeSetup:
         self.backend, self.inputs = backend, inputs
         scene, options = inputs.scene, inputs.options
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
+        self.integrand = Integrand.from_options(options, scene)
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()

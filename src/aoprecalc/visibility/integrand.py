@@ -1,0 +1,79 @@
+"""The integrand of ambient occlusion, and its estimators.
+
+With the shading normal n and the geometric normal g of a surface point, over uniform directions w:
+
+    AO = sum f(n.w) [g.w > 0] (1 - p(t / D)) / sum f(n.w) [g.w > 0]
+
+    f   the weight of a direction: n.w, or 1; 0 where w lies outside the cone about n
+    t   the distance to the nearest occluder along w, and D the maximum distance
+    p   what an occluder takes at x = t / D < 1: 1, linear 1 - x, or smooth 1 - 3 x^2 + 2 x^3; 0 from x = 1
+"""
+
+from dataclasses import dataclass
+from math import cos, inf, radians
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.mesh.surface import positions_of
+from aoprecalc.options import Estimator, Falloff, ValueOptions, Weight
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
+
+
+@dataclass(frozen=True)
+class Integrand:
+    """What a direction counts for at a surface point, and how much an occluder takes of it.
+
+    min_cosine     of the angle between the shading normal and the directions that count: of half the cone
+    max_distance   in the units of the mesh, from which occluders take nothing
+    """
+
+    estimator: Estimator = "ratio"
+    weight: Weight = "cosine"
+    min_cosine: float = 0.0
+    max_distance: float = inf
+    falloff: Falloff = "none"
+
+    @classmethod
+    def from_options(cls, options: ValueOptions, scene: Scene) -> Self:
+        """Return the integrand of a bake; shares of the diagonal are of the bounding box of what receives light."""
+        distance = options.max_distance
+        if isinstance(distance, str):
+            diagonal = float(np.linalg.norm(np.ptp(positions_of(scene, scene.receives), axis=0)))
+            distance = float(distance.rstrip("%")) / 100 * diagonal
+        min_cosine = 0.0 if options.cone == 180 else cos(radians(options.cone / 2))
+        limit = inf if distance is None else distance
+        return cls(options.estimator, options.weight, min_cosine, limit, options.falloff)
+
+    @property
+    def mean_weight(self) -> float:
+        """The mean of f over all directions: 1/4 for the cosine over the hemisphere."""
+        return (1 - self.min_cosine**2) / 4 if self.weight == "cosine" else (1 - self.min_cosine) / 2
+
+    def weights(self, cosines: Float64Array) -> Float64Array:
+        """Return f, (k,), for the cosines of k directions with the shading normals."""
+        counts = (cosines > 0) & (cosines >= self.min_cosine)
+        return np.where(counts, cosines if self.weight == "cosine" else 1.0, 0.0)
+
+    def occlusion(self, distances: NDArray[np.floating]) -> Float64Array:
+        """Return p, (k,) in [0, 1], for distances to the nearest occluder in the units of the mesh; NaN for none."""
+        x = np.nan_to_num(distances / self.max_distance, nan=1.0).clip(0.0, 1.0)
+        if self.falloff == "none":
+            return np.where(x < 1, 1.0, 0.0)
+        return np.asarray(1 - x if self.falloff == "linear" else (1 - x) ** 2 * (1 + 2 * x), np.float64)
+
+    def estimate(self, sums: Float32Array, directions: int) -> tuple[Float32Array, BoolArray]:
+        """Return the ambient occlusion of texels, (k,) float32 >= 0, and which of them have a value, (k,) bool.
+
+        sums   (k, 2): the weight of the visible directions, and of all directions in front of the surface
+        ratio  their quotient: self-normalised, exactly 1 on an open point
+        mean   the first over the expected weight, 4/N for the cosine: the Monte Carlo estimate of Précalcul, equation
+               1.1.1.1, with directions uniform on the sphere (p.d.f. 1 / (4 pi), section 1.1.1); sampling can make it
+               greater than 1
+        """
+        visible, total = sums[:, 0], sums[:, 1]
+        measured = total > 0
+        if self.estimator == "mean":
+            return visible * np.float32(1 / (self.mean_weight * directions)), measured
+        return np.divide(visible, total, out=np.zeros_like(visible), where=measured), measured
