@@ -120,7 +120,7 @@ def methods(mesh: trimesh.Trimesh | Path, count: int, columns: Sequence[dict], *
     result = baked(mesh, crease_angle=40)
     wide = (2 * CELL[0], CELL[1])
     views = [with_spheres(result, fitted(mesh, count, **kind), wide, ground=True, **options) for kind in columns]
-    named = [" ".join(f"--{name} {value}" for name, value in kind.items()) for kind in columns]
+    named = [option_words(kind) for kind in columns]
     return [
         (views[0][:, : CELL[0]], "mesh"),
         *((right_half(view), name) for view, name in zip(views, named, strict=True)),
@@ -165,6 +165,31 @@ def leaks(_: Path) -> Picture:
     results = {size: baked(mesh, size=size, normals="flat") for size in (64, 512)}
     cells = [(drawn(result, (440, 340), elevation=42), f"--size {size}") for size, result in results.items()]
     return contact_sheet(cells, 2)
+
+
+def occlusion(_: Path) -> Picture:
+    """The colonnade with each option that says what counts as occlusion."""
+    sys.path.insert(0, str(EXAMPLES))
+    from make_meshes import colonnade
+
+    mesh = colonnade()
+    kinds: list[dict] = [
+        {},
+        {"max_distance": "10%"},
+        {"max_distance": "10%", "falloff": "linear"},
+        {"max_distance": "10%", "falloff": "smooth"},
+        {"cone": 90},
+        {"weight": "uniform"},
+    ]
+    results = [baked(mesh, crease_angle=40, size=512, **kind) for kind in kinds]
+    views = [drawn(result, (360, 300)) for result in results]
+    named = [option_words(kind) or "default" for kind in kinds]
+    return contact_sheet(list(zip(views, named, strict=True)), 3)
+
+
+def option_words(options: dict) -> str:
+    """Write options as on the command line."""
+    return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in options.items())
 
 
 def cut_open(result: ao.BakeResult) -> Picture:
@@ -325,7 +350,7 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:

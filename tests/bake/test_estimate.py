@@ -9,8 +9,7 @@ from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.visibility.directions import light_axes
-from aoprecalc.visibility.gather import sampling_error
-from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.integrand import Integrand, sampling_error
 from shapes import ball, quad, scene
 
 

@@ -55,7 +55,7 @@ MaxDistanceField = Annotated[Distance | None, _visibility(
     more="The diagonal is that of the bounding box of what is baked. Rays are traced: depth maps do not tell how far "
     "away an occluder is.")]
 FalloffField = Annotated[Falloff, _visibility(
-    "How occluders count less up to `max_distance`: not at all less (none), linearly or smoothly.",
+    "How the effect of an occluder falls up to `max_distance`: not (none), linearly or smoothly.",
     more="At the share x of the maximum distance an occluder takes 1, 1 - x or 1 - 3x^2 + 2x^3 of the light.")]
 ConeField = Annotated[float, _visibility(
     "Opening angle of the cone of directions about the normal; 180 is the hemisphere.", range=(0, 180), above_min=True,

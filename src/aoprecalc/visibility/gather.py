@@ -1,4 +1,4 @@
-"""Ambient occlusion of texels: visibility sums of one group of light axes after the other, and their error.
+"""Ambient occlusion of texels: visibility sums of one group of axes after the other, and the image fitted to them.
 
 An axis is a pair of opposite light directions, given by one unit vector.
 """
@@ -9,7 +9,6 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from aoprecalc.options import Sampling
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
@@ -24,36 +23,10 @@ from aoprecalc.types import (
 )
 from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, texel_offset
-from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.integrand import sampling_error
 from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, SurfaceSide, chunks
 
 MAX_INSTANCES = 8  # instances tested per UV region: 64 axes / 8 = 8 each, one batch of depth maps
-
-
-def sampling_error(
-    halves: Float32Array, directions: list[int], integrand: Integrand, sampling: Sampling
-) -> float | None:
-    """Return the expected error of both halves together, RMS over the texels that both measured; None without any.
-
-    halves       (2, k, 2): visibility sums of the halves
-    directions   how many each has used
-    Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
-    1 / sqrt(pq) times the error of the whole. But the halves of a uniform set complete each other: its error falls as
-    N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
-    are independent.
-    """
-    if not all(directions):
-        return None
-    (first, measured_first), (second, measured_second) = (
-        integrand.estimate(sums, count) for sums, count in zip(halves, directions, strict=True)
-    )
-    measured_in_both = measured_first & measured_second
-    if not measured_in_both.any():
-        return None
-    difference = np.sqrt(((first[measured_in_both] - second[measured_in_both]) ** 2).mean(dtype=np.float64))
-    p, q = np.divide(directions, sum(directions))
-    correlation = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
-    return float(difference * np.sqrt(p * q / correlation))
 
 
 @dataclass(frozen=True, eq=False)

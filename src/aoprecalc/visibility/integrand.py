@@ -1,4 +1,4 @@
-"""The integrand of ambient occlusion, and its estimators.
+"""The integrand of ambient occlusion, its estimators, and the error of these.
 
 With the shading normal n and the geometric normal g of a surface point, over uniform directions w:
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.surface import positions_of
-from aoprecalc.options import Estimator, Falloff, ValueOptions, Weight
+from aoprecalc.options import Estimator, Falloff, Sampling, ValueOptions, Weight
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 
 
@@ -77,3 +77,29 @@ class Integrand:
         if self.estimator == "mean":
             return visible * np.float32(1 / (self.mean_weight * directions)), measured
         return np.divide(visible, total, out=np.zeros_like(visible), where=measured), measured
+
+
+def sampling_error(
+    halves: Float32Array, directions: list[int], integrand: Integrand, sampling: Sampling
+) -> float | None:
+    """Return the expected error of both halves together, RMS over the texels that both measured; None without any.
+
+    halves       (2, k, 2): visibility sums of the halves
+    directions   how many each has used
+    Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
+    1 / sqrt(pq) times the error of the whole. But the halves of a uniform set complete each other: its error falls as
+    N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
+    are independent.
+    """
+    if not all(directions):
+        return None
+    (first, measured_first), (second, measured_second) = (
+        integrand.estimate(sums, count) for sums, count in zip(halves, directions, strict=True)
+    )
+    measured_in_both = measured_first & measured_second
+    if not measured_in_both.any():
+        return None
+    difference = np.sqrt(((first[measured_in_both] - second[measured_in_both]) ** 2).mean(dtype=np.float64))
+    p, q = np.divide(directions, sum(directions))
+    correlation = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
+    return float(difference * np.sqrt(p * q / correlation))
