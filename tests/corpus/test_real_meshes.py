@@ -8,7 +8,10 @@ from aoprecalc.io import load_scene, read_image
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
 from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
+from aoprecalc.raster.cpu_rasterizer import CPURasterizer
+from aoprecalc.raster.layout import build_layout
 from aoprecalc.texture_lookup import bilinear
+from aoprecalc.uv.checks import needs_uvs
 from shapes import MESHES
 
 pytestmark = [pytest.mark.corpus, pytest.mark.slow]
@@ -34,6 +37,15 @@ def test_borders_have_no_specks(name):
     values = texture.values[1:-1, 1:-1]
     speck = border & ((values > highest + 0.1) | (values < lowest - 0.1))
     assert speck.sum() < 0.01 * border.sum()
+
+
+@pytest.mark.parametrize("name", ["bigguy.obj", "ToyCar/ToyCar.gltf", "DamagedHelmet/DamagedHelmet.gltf"])
+def test_new_uvs_use_most_of_the_texture_and_every_face_has_its_own_texels(name):
+    options = BakeOptions(size=1024, directions=16, unwrap="xatlas", backend="ray")
+    baked = bake_scene(load_scene(MESHES / name), options)
+    assert baked.texture.valid.mean() >= 0.6
+    assert (baked.atlas.mapped == needs_uvs(baked.scene)).all()
+    assert CPURasterizer(build_layout(baked.scene, baked.atlas, 1024, 1024)).overlap() == 0
 
 
 @pytest.fixture(scope="module")
