@@ -75,6 +75,7 @@ def test_the_same_results_pass_and_come_from_the_cache(job, project):
     }
 
 
+@pytest.mark.slow
 def test_golden_files_may_be_all_that_a_batch_leaves(project):
     job = Workflow(project, golden="./golden")
     assert job.run("Bake") == 0, job.said

@@ -4,6 +4,7 @@ import copy
 import json
 import re
 import tomllib
+from functools import partial
 from importlib import resources
 
 import pytest
@@ -13,6 +14,7 @@ from scripts.schemas import DOCUMENTS, schemas
 
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.io.outputs import SCHEMAS
+from aoprecalc.options import VerifyOptions
 from aoprecalc.pipeline.manifest import read_manifest
 from shapes import torus
 
@@ -69,7 +71,8 @@ def test_there_is_one_for_each_kind_of_document():
     assert {name.removesuffix(".schema.json") for name in SHIPPED} == {*DOCUMENTS, "manifest"}
 
 
-def test_bake_verify_and_compare(folder, printed):
+def test_bake_verify_and_compare(folder, printed, monkeypatch):
+    monkeypatch.setattr("aoprecalc.api.bake.VerifyOptions", partial(VerifyOptions, points=200, rays=64))
     bake = printed("bake", "ring.obj", *BAKE, "--ground", "--verify", "--report", "bake.json", "--json")
     assert faults("bake", bake) == []
     assert faults("bake", json.loads((folder / "bake.json").read_bytes())) == []
@@ -112,7 +115,7 @@ def test_compare_says_what_differs(folder, printed):
     assert faults("compare", wrong) == ["/details anyOf"]
 
 
-@pytest.mark.parametrize("method", ["lloyd", "algebraic", "shadow", "collision"])
+@pytest.mark.parametrize("method", ["lloyd", "algebraic", "shadow", pytest.param("collision", marks=pytest.mark.slow)])
 def test_sphere_sets(method, folder, printed):
     spheres = printed("spheres", "ring.obj", *SPHERES, "--method", method, "--json")
     assert faults("spheres", spheres) == []

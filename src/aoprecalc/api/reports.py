@@ -245,7 +245,7 @@ class TexelCounts(Report):
 
 @dataclass(frozen=True)
 class OcclusionStatistics(Report):
-    """Over the texels that have a value: 1 is open.
+    """Over the texels that have a value, not over the surface, of which some parts get more texels: 1 is open.
 
     unseen_share   share of them that are dark: below 0.01
     ground_alone   mean if nothing but the ground took light; None without a ground
