@@ -121,6 +121,7 @@ class Scene:
     parts          consecutive faces that cover the scene
     document       the original file as its reader keeps it, to write it back; opaque to others
     up, unit       the axis that points up, and the metres that 1 is, where the file says them
+    polygons       (f,) int32: the polygon of each face, which no seam of new UVs may cut; None where they may be cut
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
     ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
@@ -136,6 +137,7 @@ class Scene:
     document: object = None
     up: Literal["y", "z"] | None = None
     unit: float | None = None
+    polygons: Int32Array | None = None
     welded: tuple[int, float] | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -198,6 +198,7 @@ def finest_level(scene: Scene) -> tuple[Scene, BoolArray]:
         normals=None if scene.normals is None else scene.normals[faces],
         uv_sets=tuple(uvs[faces] for uvs in scene.uv_sets),
         parts=tuple(parts),
+        polygons=None if scene.polygons is None else scene.polygons[faces],
     )
     return finest, faces
 

@@ -16,6 +16,7 @@ from aoprecalc.mesh.topology import adjacent_half_edges, edge_ids, joined_faces,
 from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.subprocesses import FIRST_STEP, POLL_SECONDS, report_step
 from aoprecalc.types import BoolArray, Float64Array, Int32Array
+from aoprecalc.uv.polygons import join_polygons
 
 Unwrapper = Literal["xatlas", "uvunwrap"]
 Fineness = Literal["coarse", "fine", "planar", "patches", "faces"]
@@ -75,13 +76,20 @@ class Charts:
         return uvs[first], chart[first], inverse.astype(np.int32).reshape(-1, 3)
 
 
-def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array, fineness: Fineness = "coarse") -> Charts:
+def make_charts(
+    method: Unwrapper,
+    positions: Float64Array,
+    faces: Int32Array,
+    fineness: Fineness = "coarse",
+    polygons: Int32Array | None = None,
+) -> Charts:
     """Cut a mesh into charts and flatten them; every face with area gets a place.
 
     positions   (v, 3), about one unit across, as both unwrappers compare lengths with constants
     faces       (f, 3) indices into them
     fineness    coarse: as the unwrapper does; fine: charts that are smaller and stretch less; planar: plane projections
                 of neighbours that are nearly coplanar; patches: of a few of them; faces: each by itself
+    polygons    (f,) that of each face, which no seam may cut; None: seams may run between any faces
     Raises ValueError where the unwrapper fails.
     """
     corners = positions[faces]
@@ -95,18 +103,27 @@ def make_charts(method: Unwrapper, positions: Float64Array, faces: Int32Array, f
     if len(lost):
         flat, group = _project(corners[lost], faces[lost], _MAX_FACES.get(fineness, len(lost)))
         uvs[lost], chart[lost] = flat, group + chart.max() + 1
+    if polygons is not None:
+        uvs, chart = join_polygons(uvs, chart, positions, faces, polygons)
     return _finished(uvs, chart, corners)
 
 
 def cut_again(
-    charts: Charts, faulty: BoolArray, method: Unwrapper, positions: Float64Array, faces: Int32Array, fineness: Fineness
+    charts: Charts,
+    faulty: BoolArray,
+    method: Unwrapper,
+    positions: Float64Array,
+    faces: Int32Array,
+    fineness: Fineness,
+    polygons: Int32Array | None = None,
 ) -> Charts:
     """Return the charts with those that are faulty, (n,) bool, cut again; see `make_charts`."""
     chosen = np.append(faulty, False)[charts.chart]  # chart -1 reads the appended False
     used, corners = np.unique(faces[chosen], return_inverse=True)
     size = np.ptp(positions[used], axis=0).max()
     unit = (positions[used] - positions[used].min(axis=0)) / size
-    again = make_charts(method, unit, corners.astype(np.int32).reshape(-1, 3), fineness)
+    whole = None if polygons is None else polygons[chosen]
+    again = make_charts(method, unit, corners.astype(np.int32).reshape(-1, 3), fineness, whole)
     uvs, chart = charts.uvs.copy(), charts.chart.copy()
     uvs[chosen], chart[chosen] = again.uvs, np.where(again.placed, again.chart + charts.count, -1)
     return _finished(uvs, chart, positions[faces])

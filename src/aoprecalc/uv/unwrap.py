@@ -157,7 +157,8 @@ def unwrap(
     faces = corners.reshape(-1, 3).astype(np.int32)
     watch = Watch(on_step, timeout)
     try:
-        answer = _run(method, positions, faces, page, {} if cuts is None else cuts, timeout, on_step)
+        whole = None if scene.polygons is None else scene.polygons[mapped]
+        answer = _run(method, positions, faces, whole, page, {} if cuts is None else cuts, timeout, on_step)
         all_uvs: Float64Array = np.zeros((len(scene.faces), 3, 2))
         all_uvs[mapped] = answer["uvs"]
         mapped[mapped] = answer["placed"]
@@ -174,6 +175,7 @@ def _run(
     method: Unwrapper,
     positions: Float64Array,
     faces: Int32Array,
+    polygons: Int32Array | None,
     page: PageSpec,
     cuts: Cuts,
     timeout: float | None,
@@ -182,6 +184,8 @@ def _run(
     """Unwrap in a child process; see `main` for its answer."""
     request = io.BytesIO()
     arrays: dict[str, Any] = {"positions": positions, "faces": faces, "size": page.size, "padding": page.padding}
+    if polygons is not None:
+        arrays["polygons"] = polygons
     if method in cuts:
         arrays |= {"cut_uvs": cuts[method].uvs, "cut_chart": cuts[method].chart}
     np.savez(request, **arrays)
@@ -209,13 +213,15 @@ def cut_and_pack(
     size: int,
     padding: int,
     cut: Charts | None = None,
+    polygons: Int32Array | None = None,
 ) -> dict[str, Any]:
     """Cut into charts, flatten them, and pack them into one page of size x size texels, which they need not fill.
 
     Charts that are faulty when they are packed, whoever cut and packed them, are cut into smaller ones.
-    cut   what `make_charts` gave before; None: it is called
+    cut        what `make_charts` gave before; None: it is called
+    polygons   see `make_charts`
     """
-    charts = cut = cut or make_charts(method, positions, faces)
+    charts = cut = cut or make_charts(method, positions, faces, polygons=polygons)
     answer = {"cut_uvs": cut.uvs, "cut_chart": cut.chart}
     report_step("packing")
     surface = np.linalg.norm(area_vectors(positions[faces]), axis=1) / 2
@@ -226,7 +232,7 @@ def cut_and_pack(
             if not faulty.any():
                 break
             report_step(f"cutting {counted(np.count_nonzero(faulty), 'chart')} again")
-            charts = cut_again(charts, faulty, method, positions, faces, fineness)
+            charts = cut_again(charts, faulty, method, positions, faces, fineness, polygons)
             packed = pack_charts(charts, size, padding, quick=True)
     except NoRoomError as error:
         return answer | {"no_room": str(error)}
@@ -254,7 +260,7 @@ def main(method: str) -> NoReturn:
     """Answer one request: `python -m aoprecalc.uv.unwrap METHOD < request.npz > answer.npz`.
 
     request: positions (v, 3) float64 about one unit across, faces (f, 3) int32, size and padding in texels; perhaps
-             cut_uvs and cut_chart of an earlier answer
+             polygons (f,) int32, and cut_uvs and cut_chart of an earlier answer
     answer:  uvs (f, 3, 2) float64 in [0, 1], placed (f,) bool: faces that got UVs, charts, gutter; or no_room, a text;
              cut_uvs and cut_chart: the `Charts` that were packed first
     """
@@ -262,8 +268,9 @@ def main(method: str) -> NoReturn:
     request = np.load(io.BytesIO(sys.stdin.buffer.read()))
     settings = int(request["size"]), int(request["padding"])
     cut = Charts(request["cut_uvs"], request["cut_chart"]) if "cut_uvs" in request else None
+    polygons = request.get("polygons")
     try:
-        answer = cut_and_pack(cast(Unwrapper, method), request["positions"], request["faces"], *settings, cut)
+        answer = cut_and_pack(cast(Unwrapper, method), request["positions"], request["faces"], *settings, cut, polygons)
     except ValueError as error:
         _exit(1, str(error))
     except MemoryError:

@@ -49,8 +49,13 @@ def read_stage(path: Path, files: tuple[Path, ...] = ()) -> Scene:
     if not pieces and messages:
         raise InputError(f"{path}: no mesh is shown, a surface was expected; {messages[0]}")
     scene = build_scene(path, path.suffix.lower()[1:], pieces, document, messages)
-    scene = replace(scene, parts=_instances(scene.parts), unit=unit if 0 < unit < np.inf else None)
-    return replace(scene, up="z" if z_up else "y")
+    return replace(
+        scene,
+        parts=_instances(scene.parts),
+        polygons=polygons.owners.astype(np.int32),
+        up="z" if z_up else "y",
+        unit=unit if 0 < unit < np.inf else None,
+    )
 
 
 def _instances(parts: tuple[Part, ...]) -> tuple[Part, ...]:
