@@ -160,8 +160,7 @@ class Scene:
 
     def per_face(self, values: Iterable[bool]) -> BoolArray:
         """Return the value of each face's part, (f,) bool, from one value for each part."""
-        sizes = [part.stop - part.start for part in self.parts]
-        return np.repeat(np.fromiter(values, bool), sizes)
+        return np.repeat(np.fromiter(values, bool), [part.stop - part.start for part in self.parts])
 
     @property
     def receives(self) -> BoolArray:
@@ -266,8 +265,7 @@ class DarkPart:
 class DarkTexels:
     """Texels that (nearly) no light reaches, AO below 0.01, by cause; shares of the texels that have a value, 0 to 1.
 
-    share          all of them
-    samples        how many of them rays were cast from, to find the causes; 0 where no causes were looked for
+    share          all of them; samples: from how many of them rays were cast, 0 where no causes were looked for
     inside         enclosed: neither side sees out, as inside another part or where parts touch
     inwards        only the back of the face sees out
     on_ground      facing the ground and resting on it
