@@ -130,7 +130,8 @@ def test_messages_name_the_zip(pack, tmp_path):
 @pytest.mark.parametrize(
     ("files", "said"),
     [
-        ({}, "0 files and no mesh"),
+        ({}, "is an empty ZIP, one mesh with its files was expected"),
+        ({"a/stool.blend": "x", "b.txt": "x"}, "export a/stool.blend as glTF"),
         ({"readme.txt": "x"}, "1 file and no mesh, one of .obj, "),
         ({"in.zip": "PK"}, "unpack it and use in.zip"),
         ({"a.obj": "x", "b/c.gltf": "x"}, "holds 2 meshes (a.obj, b/c.gltf), one was expected"),

@@ -5,7 +5,7 @@
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Self
@@ -14,7 +14,7 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.baked_options import baked_options, baked_triangles
-from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, is_archive
+from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, as_packed, is_archive
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.collada import ColladaFormat
@@ -24,6 +24,7 @@ from aoprecalc.io.formats.geometry_formats import OffFormat, StlFormat
 from aoprecalc.io.formats.gltf import GltfFormat
 from aoprecalc.io.formats.obj import ObjFormat
 from aoprecalc.io.formats.ply import PlyFormat
+from aoprecalc.io.formats.recognition import foreign_file, unreadable_file
 from aoprecalc.io.formats.usd import UsdFormat
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
@@ -100,20 +101,12 @@ def read_scene(path: Path, data: bytes) -> Scene:
     except MemoryError as error:
         raise InputError(f"{path}: does not fit into memory; use a smaller model") from error
     except Exception as error:  # a damaged file may raise anything in a reader
-        actual = None if mesh_format.sniff(data) else sniff_format(data)
-        if actual is not None:
-            extensions = " or ".join(actual.extensions)
-            raise InputError(
-                f"{path}: its content is {actual.name}, {mesh_format.name} was expected; rename it to {extensions}"
-            ) from error
+        name = mesh_format.name
+        if not mesh_format.sniff(data) and (foreign := foreign_file(path, data, name, sniff_format(data))) is not None:
+            raise foreign from error
         if isinstance(error, AoprecalcError):
             raise
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        if isinstance(error, KeyError):
-            reason = f"{reason} is missing or unknown"
-        raise InputError(
-            f"{path}: cannot be read as {mesh_format.name} ({reason}); the file is damaged, export it again"
-        ) from error
+        raise unreadable_file(path, name, error) from error
 
 
 def source_files(scene: Scene) -> list[Path]:
@@ -143,8 +136,6 @@ def _read_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     if not data:
         raise InputError(f"{path}: is empty (0 bytes), a mesh was expected; export it again")
-    if data.startswith(b"version https://git-lfs"):
-        raise InputError(f"{path}: is a Git LFS pointer, not the mesh itself; run `git lfs pull` to fetch the mesh")
     return data
 
 
@@ -208,9 +199,11 @@ def write_baked_mesh(
     path = Path(mesh_path)
     mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options)
     try:
-        return format_of(path).write_with_ao(outputs, path, mesh)
+        format_of(path).check_source(path, scene)
+        written = format_of(path).write_with_ao(outputs, path, mesh)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another output") from error
+    return replace(written, messages=as_packed(written.messages, scene.path))
 
 
 # The textures of a mesh.
@@ -224,7 +217,7 @@ def base_colors(scene: Scene, occlusion: Path | None = None) -> tuple[tuple[Base
     """
     images = ColorImages()
     colors = _scene_format(scene).base_colors(scene, images, occlusion)
-    return colors, tuple(dict.fromkeys(images.warnings))
+    return colors, as_packed(tuple(dict.fromkeys(images.warnings)), scene.path)
 
 
 def mesh_beside(texture: Path) -> Path | None:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
-from zipfile import BadZipFile, ZipFile, ZipInfo
+from zipfile import BadZipFile, ZipFile, ZipInfo, is_zipfile
 
 import numpy as np
 
@@ -30,6 +30,8 @@ EXTENSION = ".zip"
 _MAX_UNPACKED = 1 << 30  # bytes of all files together
 _MAX_FILES = 10_000
 _MAX_NAMES = 8  # of meshes in a message
+_OF_PROGRAMS = (".blend", ".c4d", ".ma", ".mb", ".max", ".3ds", ".lwo", ".skp", ".step", ".stp", ".iges", ".abc")
+_SIGNATURES = b"PK\3\4", b"PK\5\6"  # of a file in a ZIP, and of an empty ZIP
 _ENCRYPTED = 1  # a flag of an entry
 _FOLDER = "aoprecalc-zip-"
 
@@ -42,6 +44,14 @@ def is_archive(path: Path) -> bool:
 def inner_path(path: Path) -> Path:
     """Return the path of a scene; of one that was in a ZIP a path in it, which is in no folder of an output."""
     return path / "mesh" if is_archive(path) else path
+
+
+def as_packed(messages: tuple[str, ...], path: Path) -> tuple[str, ...]:
+    """Return messages about a scene at `path` in which unpacked files have the path that they have in their ZIP."""
+    if not is_archive(path):
+        return messages
+    unpacked = re.compile(re.escape(str(Path(tempfile.gettempdir()) / _FOLDER)) + r"\w+")
+    return tuple(type(line)(unpacked.sub(lambda _: str(path), line)) for line in messages)
 
 
 def check_pictures(path: Path, scene: Scene) -> None:
@@ -73,15 +83,20 @@ class ZipFormat(MeshFormat):
         self._load = load
 
     def sniff(self, data: bytes) -> bool:
-        """Tell whether it begins with a file in a ZIP, and is no 3MF."""
-        return data.startswith(b"PK\3\4") and b"3dmodel.model" not in data.lower()
+        """Tell whether it begins as a ZIP does, and is no 3MF."""
+        return data.startswith(_SIGNATURES) and b"3dmodel.model" not in data.lower()
 
     def read(self, path: Path, data: bytes) -> Scene:
         """Read its mesh as one of its own format, at the path of the ZIP."""
+        if not is_zipfile(BytesIO(data)) and not self.sniff(data):
+            found = f"it starts with {data[:24].decode('latin-1')!a}, a ZIP was expected"
+            raise InputError(f"{path}: {found}; pack the mesh with its files, or rename it")
         folder = Path(tempfile.mkdtemp(prefix=_FOLDER))
         document: object = None
         try:
             with _damage_told(path), ZipFile(BytesIO(data)) as archive:
+                if not archive.namelist():
+                    raise InputError(f"{path}: is an empty ZIP, one mesh with its files was expected; pack it again")
                 check_unpacked_size(path, archive)
                 files = dict(_safe_files(path, archive))
                 mesh = self._only_mesh(path, list(files))
@@ -92,10 +107,9 @@ class ZipFormat(MeshFormat):
             try:
                 scene = self._load(folder / mesh)
             except InputError as error:
-                raise InputError(_outside(str(error), folder, path)) from error
+                raise InputError(*as_packed((str(error),), path)) from error
             document = scene.document
-            warnings = tuple(_outside(line, folder, path) for line in scene.warnings)
-            notes = tuple(Note(_outside(line, folder, path)) for line in scene.notes)
+            warnings, notes = as_packed(scene.warnings, path), as_packed(scene.notes, path)
             return replace(scene, path=path, warnings=warnings, notes=notes)
         finally:
             if document is None:
@@ -110,7 +124,9 @@ class ZipFormat(MeshFormat):
             return found[0]
         if not found:
             nested = next((name for name in names if name.lower().endswith(EXTENSION)), None)
+            other = next((name for name in names if name.lower().endswith(_OF_PROGRAMS)), None)
             hint = f"unpack it and use {nested}" if nested else "pack the mesh with its files"
+            hint = f"export {other} as glTF" if other and not nested else hint
             kinds = ", ".join(self._known)
             raise InputError(f"{path}: {counted(len(names), 'file')} and no mesh, one of {kinds} was expected; {hint}")
         listed = ", ".join(found[:_MAX_NAMES]) + (", ..." if len(found) > _MAX_NAMES else "")
@@ -142,11 +158,6 @@ def _safe_files(path: Path, archive: ZipFile) -> Iterator[tuple[str, ZipInfo]]:
         if entry.flag_bits & _ENCRYPTED:
             raise InputError(f"{path}: is protected by a password; unpack it and use the mesh inside")
         yield str(name), entry
-
-
-def _outside(message: str, folder: Path, path: Path) -> str:
-    """Return a message in which unpacked files have the path of the archive."""
-    return message.replace(str(folder), str(path))
 
 
 class UnpackedFormat(MeshFormat):

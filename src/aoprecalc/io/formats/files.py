@@ -6,10 +6,11 @@ The rules are those of the importers that read most files: tinyobjloader (severa
 
 import codecs
 import errno
+import math
 import os
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -84,6 +85,14 @@ def text_as_utf8(data: bytes) -> bytes:
 def read_utf8(path: Path) -> str:
     """Return the text of a file, with surrogates for bytes that are not UTF-8; raises OSError as `read_file` does."""
     return text_as_utf8(read_file(path)).decode("utf-8", "surrogateescape")
+
+
+def are_numbers(words: Iterable[str | bytes]) -> bool:
+    """Tell whether all words of a text are finite numbers."""
+    try:
+        return all(math.isfinite(float(word)) for word in words)
+    except ValueError:
+        return False
 
 
 def file_beside(folder: Path, name: str) -> Path | None:

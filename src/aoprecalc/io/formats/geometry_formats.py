@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import InputError, counted, one_or_many
 from aoprecalc.io.formats.base import MeshFormat
 from aoprecalc.io.formats.builder import MAX_COORDINATE, MeshPiece, build_scene, check_indices, damaged_file
+from aoprecalc.io.formats.files import are_numbers
 from aoprecalc.io.formats.polygons import lost_faces, polygon_triangles
 from aoprecalc.mesh.topology import weld_corners
 from aoprecalc.progress import Note
@@ -256,15 +257,8 @@ def _off_vertices(path: Path, header: _OffHeader, lines: _Lines) -> NDArray[np.f
             return np.array(rows, dtype=np.float64).reshape(-1, header.width)
     except ValueError:
         pass
-    number, line = next((n, line) for n, line in enumerate(lines) if not _are_numbers(line, width))
+    number, line = next((n, line) for n, line in enumerate(lines) if len(line) != width or not are_numbers(line))
     raise damaged_file(path, f"vertex {number} is {_shown(line)}, {width} numbers were expected; {header}")
-
-
-def _are_numbers(words: list[bytes], count: int) -> bool:
-    try:
-        return len([float(word) for word in words]) == count
-    except ValueError:
-        return False
 
 
 def _off_faces(path: Path, header: _OffHeader, lines: _Lines) -> list[list[int]]:

@@ -328,9 +328,12 @@ class PlyFormat(MeshFormat):
         document = _document(scene)
         return [scene.path, *document.textures, *([] if document.occlusion is None else [document.occlusion])]
 
+    def check_source(self, path: Path, scene: Scene) -> None:
+        """Raise UsageError for a mesh of a ZIP, whose pictures it could not refer to."""
+        check_pictures(path, scene)
+
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a PLY; see `write_ply`."""
-        check_pictures(path, mesh.scene)
         notes = write_ply(outputs, path, mesh)
         return WrittenMesh((TextureReference("TextureFile", " and ".join(_UVS)),), (*self.losses(path, mesh), *notes))
 

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import sys
 import time
 from importlib.util import find_spec
@@ -18,7 +19,7 @@ from aoprecalc.types import Scene
 
 _CHILD = [sys.executable, "-P", "-c", "from aoprecalc.io.formats.fbx import answer; answer()"]
 _SECONDS, _BYTES_PER_SECOND = 60.0, 1e6  # for which a child may read
-_BINARY, _TEXT = b"Kaydara FBX Binary", b"FBXHeaderExtension"
+_START = re.compile(rb"Kaydara FBX Binary|\s*(;[^\r\n]*\s*)*FBXHeaderExtension")
 
 
 class FbxFormat(PicturedFormat):
@@ -29,7 +30,7 @@ class FbxFormat(PicturedFormat):
 
     def sniff(self, data: bytes) -> bool:
         """Tell whether it begins as a binary FBX, or as text with a header of FBX."""
-        return data.startswith(_BINARY) or _TEXT in data[:4096]
+        return _START.match(data[:4096]) is not None
 
     def read(self, path: Path, data: bytes) -> Scene:
         """Read the meshes where their nodes place them; raises InputError where ufbx is missing."""

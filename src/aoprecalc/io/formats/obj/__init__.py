@@ -64,9 +64,12 @@ class ObjFormat(MeshFormat):
         found = f"OBJ holds one set of UVs, which the textures of its materials ({names}) need"
         return ".glb", f"{found}, so the mesh becomes a GLB with both"
 
+    def check_source(self, path: Path, scene: Scene) -> None:
+        """Raise UsageError for a mesh of a ZIP, whose pictures it could not refer to."""
+        check_pictures(path, scene)
+
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write an OBJ and its MTL; see `write_obj`."""
-        check_pictures(path, mesh.scene)
         written, notes = write_obj(outputs, path, mesh)
         return replace(written, messages=(*written.messages, *self.losses(path, mesh), *notes))
 

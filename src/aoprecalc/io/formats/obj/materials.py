@@ -1,9 +1,8 @@
 """MTL files, the material libraries of OBJ: read, and written again."""
 
-import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from aoprecalc.io.formats.files import (
     FileSearch,
     ImageSource,
     TextureCopies,
+    are_numbers,
     file_beside,
     read_utf8,
     same_file,
@@ -192,14 +192,14 @@ def _image(named: TextureMap) -> ImageSource | None:
 
 def _fraction(words: Sequence[str], default: float) -> float:
     """Return a number clipped to [0, 1]; the default for other words."""
-    return min(max(float(words[0]), 0.0), 1.0) if words and _is_number(words[0]) else default
+    return min(max(float(words[0]), 0.0), 1.0) if words and are_numbers(words[:1]) else default
 
 
 def _opacity(values: Mapping[str, Sequence[str]]) -> float:
     """Return the opacity by `d`, else by its complement `Tr`, which some programs write beside it in another sense."""
     for keyword, sign in (("d", 1.0), ("tr", -1.0)):
         words = values.get(keyword, ())
-        if words and _is_number(words[-1]):  # after -halo, which depends on the angle of view
+        if words and are_numbers(words[-1:]):  # after -halo, which depends on the angle of view
             return min(max(float(words[-1]) if sign > 0 else 1.0 - float(words[-1]), 0.0), 1.0)
     return 1.0
 
@@ -252,21 +252,14 @@ def _options(rest: str) -> tuple[dict[str, list[str]], str]:
     }:
         rest = rest[found.end() :]
         options[option] = []
-        is_value: Callable[[str], bool] = _is_number if option in _UP_TO else bool
+        is_number = option in _UP_TO
         for _ in range(_UP_TO.get(option) or _WORDS[option]):
             word, *after = rest.split(None, 1) or [""]
-            if not is_value(word):
+            if not word or (is_number and not are_numbers([word])):
                 break
             options[option].append(word)
             rest = after[0] if after else ""
     return options, rest.strip()
-
-
-def _is_number(word: str) -> bool:
-    try:
-        return math.isfinite(float(word))
-    except ValueError:
-        return False
 
 
 def _numbers(words: Sequence[str], filler: float) -> tuple[float, float]:

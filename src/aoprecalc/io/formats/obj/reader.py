@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from aoprecalc.errors import counted, one_or_many
 from aoprecalc.io.formats.base import PartSource, SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
-from aoprecalc.io.formats.files import FileSearch
+from aoprecalc.io.formats.files import FileSearch, are_numbers
 from aoprecalc.io.formats.obj.materials import (
     MtlMaterial,
     examine_maps,
@@ -94,12 +94,13 @@ def read_obj(path: Path, data: bytes) -> Scene:
 
     Raises InputError where it is damaged or has no usable faces.
     """
-    text = joined_lines(data.decode("utf-8", "surrogateescape"))
+    written = data.decode("utf-8", "surrogateescape")
+    text = joined_lines(written)
     lines = _sort_lines(text)
-    positions = _numbers(path, "vertex (v)", lines.v, 3, 3)
-    uvs = _numbers(path, "texture coordinate (vt)", lines.vt, 1, 2)
-    normals = _numbers(path, "normal (vn)", lines.vn, 3, 3)
-    counts, corners = _corners(path, lines, (len(positions), len(uvs), len(normals)))
+    positions = _numbers(path, written, "v", "vertex (v)", lines.v, 3, 3)
+    uvs = _numbers(path, written, "vt", "texture coordinate (vt)", lines.vt, 1, 2)
+    normals = _numbers(path, written, "vn", "normal (vn)", lines.vn, 3, 3)
+    counts, corners = _corners(path, written, lines, (len(positions), len(uvs), len(normals)))
     triangles, owners = polygon_triangles(counts, corners[:, 0], positions)
     polygons = Polygons(counts, triangles, owners)
     messages = list(lost_faces(counts))
@@ -193,8 +194,13 @@ def _sort_lines(text: str) -> _Lines:
     return lines
 
 
-def _numbers(path: Path, what: str, rows: list[str], min_count: int, width: int) -> Float64Array:
-    """Parse rows of at least min_count numbers, (len(rows), width) float64; missing ones are 0."""
+def _numbers(
+    path: Path, text: str, keyword: str, what: str, rows: list[str], min_count: int, width: int
+) -> Float64Array:
+    """Parse rows of at least min_count numbers, (len(rows), width) float64; missing ones are 0.
+
+    text   the file, in which these are the statements of a keyword
+    """
     split = [row.split(None, width)[:width] for row in rows]
     try:
         if all(len(row) == width for row in split):
@@ -205,12 +211,11 @@ def _numbers(path: Path, what: str, rows: list[str], min_count: int, width: int)
                 raise ValueError
             table[index, : len(row)] = [float(number) for number in row]
     except ValueError:
-        number, row_text = next(
-            (number, row) for number, row in enumerate(rows, 1) if not _are_numbers(row.split()[:width], min_count)
+        index, row_text = next(
+            (index, row) for index, row in enumerate(rows) if not _starts_with_numbers(row.split()[:width], min_count)
         )
-        raise damaged_file(
-            path, f"{what} number {number} is {row_text[:60]!a}, {min_count} numbers were expected"
-        ) from None
+        found = f"{what} number {index + 1} is {row_text[:60]!a}, {min_count} numbers were expected"
+        raise damaged_file(path, f"{_line(text, keyword, index)}: {found}") from None
     return table
 
 
@@ -226,7 +231,7 @@ def _vertex_colors(rows: list[str]) -> Float32Array | None:
         return None
     colors = np.ones((len(rows), max(widths)))
     for color, row in zip(colors, words, strict=True):
-        if len(row) >= 3 and _are_numbers(row, 3):
+        if _starts_with_numbers(row, 3):
             color[: len(row)] = [float(word) for word in row]
     colors = np.nan_to_num(colors, nan=1.0)
     colored = [index for index, row in enumerate(words) if len(row) >= 3]
@@ -236,14 +241,21 @@ def _vertex_colors(rows: list[str]) -> Float32Array | None:
     return np.concatenate([linear_from_srgb(colors[:, :3]), colors[:, 3:]], axis=1, dtype=np.float32)
 
 
-def _are_numbers(words: Sequence[str], min_count: int) -> bool:
-    try:
-        return len([float(word) for word in words]) >= min_count
-    except ValueError:
-        return False
+def _starts_with_numbers(words: Sequence[str], min_count: int) -> bool:
+    return len(words) >= min_count and are_numbers(words)
 
 
-def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _line(text: str, keyword: str, index: int) -> str:
+    """Return where the statement `index` of a keyword begins in a text: "line 3"."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    starts = (number for number, line in enumerate(lines) if not (number and lines[number - 1].endswith("\\")))
+    found = [number + 1 for number in starts if statement(lines[number])[0] == keyword]
+    return f"line {found[index]}"
+
+
+def _corners(
+    path: Path, text: str, lines: _Lines, sizes: tuple[int, int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return (p,) corner counts of the faces, and the (sum, 3) v, vt and vn of each corner, from 0; -1 for none."""
     split = [face.split() for face in lines.faces]
     counts = np.array([len(words) for words in split], dtype=np.int64)
@@ -251,17 +263,21 @@ def _corners(path: Path, lines: _Lines, sizes: tuple[int, int, int]) -> tuple[ND
     try:
         given = _indices(words)
     except (ValueError, OverflowError):
-        wrong = next(face for face in split if not all(_is_corner(word) for word in face))
+        index, wrong = next(
+            (index, face) for index, face in enumerate(split) if not all(_is_corner(word) for word in face)
+        )
         found = f"a face is {' '.join(wrong)[:60]!a}, corners such as 1, 1/2 or 1/2/3 were expected"
-        raise damaged_file(path, found) from None
+        raise damaged_file(path, f"{_line(text, 'f', index)}: {found}") from None
     above = np.repeat(np.array(lines.above, dtype=np.int64).reshape(-1, 3), counts, axis=0)
     corners = np.where(given < 0, above + given, given - 1)
     for column, what in enumerate(("v", "vt", "vn")):
         absent = given[:, column] == 0 if column else np.zeros(len(given), dtype=bool)
         wrong_corner = ~absent & ((corners[:, column] < 0) | (corners[:, column] >= sizes[column]))
         if wrong_corner.any():
-            index = given[wrong_corner, column][0]
-            raise damaged_file(path, f"a face refers to {what} {index}, but there are {sizes[column]} (counted from 1)")
+            corner = np.flatnonzero(wrong_corner)[0]
+            face = int(np.repeat(np.arange(len(counts)), counts)[corner])
+            found = f"a face refers to {what} {given[corner, column]}, but there are {sizes[column]} (counted from 1)"
+            raise damaged_file(path, f"{_line(text, 'f', face)}: {found}")
     return counts, corners
 
 
