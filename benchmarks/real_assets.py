@@ -4,8 +4,8 @@
 
 Every row makes its input here, runs the command that it shows, and reads what was written with other programs' code.
 --before   the `src` of another checkout, which runs the same rows
---readers  glTF-Validator, three.js and, with --blender (an interpreter that has `bpy`), Blender's importers read every
-           mesh that was written, and the input; complaints that the input does not raise are listed
+--readers  glTF-Validator, three.js, USD's validators and, with --blender (an interpreter that has `bpy`), Blender's
+           importers read every mesh that was written, and the input; complaints that the input does not raise are told
 The table goes into benchmarks/results/real_assets.json.
 """
 
@@ -34,6 +34,7 @@ from gltf_kit.gltf_values import GltfValues
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).resolve().with_name("results") / "real_assets.json"
 FAST = "--size 128 -n 64"
+MESHES = (".obj", ".ply", ".glb", ".gltf", ".vrm", ".usda", ".usdc", ".usdz")  # that are written
 
 # The input of most rows: a stool, a seat on a block.
 STOOL = [((-1, 1.0, -1), (1, 1.3, 1)), ((-0.4, 0, -0.4), (0.4, 1.0, 0.4))]
@@ -295,17 +296,39 @@ def fbx(folder: Path) -> Path:
     return folder / "stool.fbx"
 
 
-def usd(folder: Path) -> Path:
-    """Write the stool as a USD stage of text."""
+def usd(folder: Path, more: str = "", suffix: str = ".usda") -> Path:
+    """Write the stool as a USD stage; `more` is added to its text."""
+    from pxr import Sdf, UsdUtils
+
     positions, quads = boxes(STOOL)
     points = ", ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in positions)
     (folder / "stool.usda").write_text(
         '#usda 1.0\n(\n    metersPerUnit = 1\n    upAxis = "Y"\n)\n\ndef Mesh "stool"\n{\n'
         f"    int[] faceVertexCounts = {[4] * len(quads)}\n"
         f"    int[] faceVertexIndices = {[at for quad in quads for at in quad]}\n"
-        f'    point3f[] points = [{points}]\n    uniform token subdivisionScheme = "none"\n}}\n'
+        f'    point3f[] points = [{points}]\n    uniform token subdivisionScheme = "none"\n}}\n{more}'
     )
-    return folder / "stool.usda"
+    if suffix == ".usdz":
+        UsdUtils.CreateNewUsdzPackage(str(folder / "stool.usda"), str(folder / "stool.usdz"))
+    elif suffix != ".usda":
+        Sdf.Layer.FindOrOpen(str(folder / "stool.usda")).Export(str(folder / f"stool{suffix}"))
+    return folder / f"stool{suffix}"
+
+
+SET = """
+def PointInstancer "set"
+{
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(5, 0, 0), (10, 0, 0)]
+    rel prototypes = </set/kind>
+
+    def "kind" (
+        references = </stool>
+    )
+    {
+    }
+}
+"""
 
 
 # Reading answers.
@@ -314,6 +337,23 @@ def usd(folder: Path) -> Path:
 def triangles(answer: Answer) -> str:
     """Return how many triangles were written."""
     return f"{sum(len(mesh.faces) for mesh in answer.scene.geometry.values())} triangles"
+
+
+def usd_occlusion(answer: Answer) -> str:
+    """Return the primvar of the occlusion of each mesh that has the texture, and how many files are missing."""
+    from pxr import Usd, UsdGeom, UsdShade, UsdUtils
+
+    found, stage = [], Usd.Stage.Open(str(answer.mesh))
+    for prim in (prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)):
+        surface = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].ComputeSurfaceSource()[0]
+        texture = UsdShade.Shader(surface.GetInput("occlusion").GetConnectedSource()[0].GetPrim())
+        reader = UsdShade.Shader(texture.GetInput("st").GetConnectedSource()[0].GetPrim())
+        uvs = UsdGeom.PrimvarsAPI(prim).GetPrimvar(reader.GetInput("varname").Get())
+        corners = len(UsdGeom.Mesh(prim).GetFaceVertexIndicesAttr().Get())
+        if len(uvs.ComputeFlattened()) == corners and texture.GetInput("file").Get().resolvedPath:
+            found.append(str(uvs.GetPrimvarName()))
+    missing = len(UsdUtils.ComputeAllDependencies(str(answer.mesh))[2])
+    return f"{answer.mesh.suffix}, {' '.join(found)}, {missing} files missing"
 
 
 def base_color(answer: Answer) -> str:
@@ -503,7 +543,16 @@ ROWS = [
     Row("COLLADA with a picture and a mask", collada_with_mask, base_color, "picture image/png MASK"),
     Row("FBX", fbx, triangles, "24 triangles"),
     Row("FBX with an embedded picture and a mask", fbx, base_color, "picture image/png MASK"),
-    Row("USD", usd, triangles, "24 triangles"),
+    *(
+        Row(
+            f"USD ({kind})",
+            lambda at, kind=kind: usd(at, suffix=kind),
+            usd_occlusion,
+            f"{kind}, st1, 0 files missing",
+        )
+        for kind in (".usda", ".usdc", ".usdz")
+    ),
+    Row("USD with a PointInstancer", lambda at: usd(at, SET), usd_occlusion, ".usda, st1 st1, 0 files missing"),
     Row(
         "levels of detail and a collision hull",
         lambda at: gltf(at, levels),
@@ -527,7 +576,7 @@ def run(row: Row, source: Path, folder: Path) -> tuple[Answer, Path]:
     command = [sys.executable, "-m", "aoprecalc", "bake", str(mesh), "-o", f"{out}/", *options]
     environment = os.environ | {"PYTHONPATH": str(source)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
-    written = sorted(path for path in out.iterdir() if path.suffix in (".obj", ".ply", ".glb", ".gltf", ".vrm"))
+    written = sorted(path for path in out.iterdir() if path.suffix in MESHES)
     return Answer(done.returncode, done.stderr, written[0] if written else None), mesh
 
 
@@ -554,10 +603,21 @@ def complaints(mesh: Path, source: Path, blender: str | None) -> list[str]:
         found += [f"validator: {issue['code']}" for issue in raised if issue["severity"] in (ERROR, WARNING)]
         before = read_by_three(source) if source.suffix in (".glb", ".gltf") else []
         found += [f"three.js: {line}" for line in read_by_three(mesh) if line not in before]
+    if mesh.suffix.startswith(".usd"):
+        before = validated(source) if source.suffix.startswith(".usd") else []
+        found += [f"USD: {line}" for line in validated(mesh) if line not in before]
     if blender is not None:
         before, after = (imported(path, blender) for path in (source, mesh))
         found += [f"Blender: {line}" for line in after if line not in before]
     return found
+
+
+def validated(path: Path) -> list[str]:
+    """Return what the validators of USD find in a stage."""
+    from pxr import Usd, UsdValidation
+
+    context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
+    return sorted({str(error.GetIdentifier()) for error in context.Validate(Usd.Stage.Open(str(path)))})
 
 
 def read_by_three(path: Path) -> list[str]:

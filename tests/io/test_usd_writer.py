@@ -1,5 +1,6 @@
 """USD stages with occlusion: pxr finds the texture on the corners that it belongs to, and everything else as it was."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -15,7 +16,7 @@ from aoprecalc.io import load_scene, output_mesh_extension
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.meshes import every_occlusion, find_occlusion
 from aoprecalc.options import ValueOptions
-from usd_stages import CORNERS, QUAD, SQUARE, add_material, add_mesh, add_uvs, bind, write_baked
+from usd_stages import CORNERS, QUAD, SIDES, SQUARE, add_material, add_mesh, add_uvs, bind, write_baked
 
 
 @pytest.fixture
@@ -438,3 +439,26 @@ def test_each_kind_stays_its_kind(stage, tmp_path):
     add_mesh(stage, "/box")
     for suffix in SUFFIXES:
         assert output_mesh_extension(load_scene(saved(stage, suffix))) == (suffix, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_command_finds_the_occlusion(stage, tmp_path, command, suffix):
+    """A box in a larger one, seen from both sides: verify knows so from the file, and what was shared is compared."""
+    bind(add_mesh(stage, "/inner"), add_material(stage, "/looks/wood"))
+    outer = add_mesh(stage, "/outer", faces=SIDES[:5])
+    outer.AddScaleOp().Set((3, 3, 3))
+    source, out = saved(stage, suffix), tmp_path / "out"
+    target = out / f"a_ao{suffix}"
+    out.mkdir()
+    output = target if suffix == ".usdz" else out
+    done = command("bake", source, "--size", 128, "-n", 256, "--two-sided", "-o", output)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.suffix for path in out.iterdir()) == ([".usdz"] if suffix == ".usdz" else [".png", suffix])
+    verified = command("verify", target, "--json")
+    report = json.loads(verified.stdout)
+    assert report["levels"][0]["rmse"] < 0.05
+    assert "--two-sided" in verified.stderr
+    assert command("compare", target, target).returncode == 0
+    assert command("preview", target, "-o", tmp_path / "x.png", "--size", "64x64").returncode == 0
+    assert command("report", out, "-o", tmp_path / "x.html").returncode == 0
