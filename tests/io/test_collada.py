@@ -12,6 +12,7 @@ from aoprecalc.io import load_scene, output_mesh_extension
 from aoprecalc.io.formats import collada
 from aoprecalc.io.meshes import base_colors
 from aoprecalc.mesh.surface import face_normals
+from gltf_kit.gltf_validator import issues, needs_validator
 
 pytest.importorskip("collada")
 
@@ -194,6 +195,15 @@ def test_the_bake_becomes_a_glb(save, bake):
     assert output_mesh_extension(scene) == (".glb", "COLLADA is not written, so the mesh becomes a GLB")
     path, *_ = bake(scene, "a_ao.glb")
     assert np.array_equal(load_scene(path).corners, scene.corners)
+
+
+@needs_validator
+def test_the_validator_finds_nothing(save, bake):
+    save("holes.png", png(HALF))
+    save("color.png", png(HALF[:, :, :3]))
+    effect = f"<diffuse>{textured('color')}</diffuse><transparent>{textured('holes')}</transparent>"
+    path, *_ = bake(load_scene(save("a.dae", document(effect))), "a_ao.glb")
+    assert [issue["message"] for issue in issues(path)[0]] == []
 
 
 def test_a_missing_package_is_named(save, monkeypatch):

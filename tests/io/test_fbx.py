@@ -16,6 +16,7 @@ from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.options import BakeOptions
 from fbx_text import FbxText
+from gltf_kit.gltf_validator import issues, needs_validator
 
 pytest.importorskip("ufbx")
 
@@ -291,7 +292,10 @@ def test_a_bake_on_the_second_uv_set_is_written_on_it(load, bake):
     )
     overlapping.node("sheet", mesh)
     before = load(overlapping)
-    path, *_ = bake(before, "a_ao.glb", "keep 1")
+    path, *_, messages = bake(before, "a_ao.glb", "keep 1")
+    assert not [line for line in messages if "UV set" in line]
+    *_, messages = bake(before, "b_ao.glb")
+    assert [line for line in messages if "1 further UV set of a.fbx left out" in line]
     assert np.allclose(find_occlusion(load_scene(path)).uvs, before.uv_sets[1])
 
 
@@ -356,6 +360,12 @@ def test_damage_is_named(save, old, new, found):
     assert old in data
     with pytest.raises(InputError, match=found):
         load_scene(save("a.fbx", data.replace(old, new, 1)))
+
+
+@needs_validator
+def test_the_validator_finds_nothing(save, bake):
+    path, *_ = bake(load_scene(save("a.fbx", whole())), "a_ao.glb")
+    assert [issue["message"] for issue in issues(path)[0]] == []
 
 
 def test_a_missing_package_is_named(save, monkeypatch):

@@ -47,6 +47,7 @@ from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
+from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
@@ -188,6 +189,9 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     extras = occlusion_extras(document, materials, mesh.options)
     release_references(document, buffer, replaced_references(document, materials, packed))
     if is_new:
+        if (lost := len(scene.uv_sets) - (2 if atlas.uv_set else 1)) > 0:
+            sets = counted(lost, "further UV set")
+            messages.append(Note(f"{path}: {sets} of {scene.path.name} left out, which no picture in it uses"))
         if scene.uv_sets:
             messages += add_base_textures(outputs, path, document, buffer, sources, source)
         elif textured := [material.name for material in sources.values() if material.pictured]:
