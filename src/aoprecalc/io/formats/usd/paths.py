@@ -60,8 +60,7 @@ class EditPaths:
             inherits.AddInherit(of_class, Usd.ListPositionFrontOfPrependList)
 
     def _free_class(self, name: str, taken: Iterable[Any]) -> Any:
-        names = (f"ao_{name}", *()), (f"ao_{name}_{number}" for number in count(2))
-        paths = (_path(f"/{free}") for free in chain(*names))
+        paths = (_path(f"/{free}") for free in _numbered(f"ao_{name}"))
         return next(path for path in paths if path not in taken and not self._stage.GetPrimAtPath(path))
 
     def target(self, path: str) -> Any:
@@ -73,8 +72,7 @@ class EditPaths:
 
     def free(self, parent: Any, name: str) -> Any:
         """Return the path of a prim that is not there yet, below a prim that is given by its path."""
-        names = chain([name], (f"{name}_{number}" for number in count(2)))
-        paths = (parent.AppendChild(free) for free in names)
+        paths = (parent.AppendChild(free) for free in _numbered(name))
         return next(
             path
             for path in paths
@@ -121,6 +119,10 @@ class EditPaths:
                         place = place.GetParentPath()
                     site = site.GetParentPath()
         return list(reversed(found))
+
+
+def _numbered(name: str) -> Iterator[str]:
+    return chain([name], (f"{name}_{number}" for number in count(2)))
 
 
 def _path(path: Any) -> Any:
