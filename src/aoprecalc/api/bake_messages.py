@@ -49,9 +49,10 @@ def has_narrow_gutters(atlas: Atlas, padding: int) -> bool:
 def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]:
     """Return warnings and notes; `overlap` is the share of texels whose centre lies inside two faces."""
     scene, atlas = baked.scene, baked.atlas
-    lines: list[str] = [*_notes_on_materials(scene), *_notes_on_names(scene), *_notes_on_normals(scene, options)]
+    lines: list[str] = [*_notes_on_materials(scene), *_notes_on_names(scene)]
     if baked.directions - 1 == options.directions:
         lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
+    lines += _notes_on_normals(scene, options)
     lines += _warn_of_error(baked, options)
     lines += _warnings_on_uvs(scene, atlas, overlap)
     texels = doubled_uv_areas(atlas.uvs) / 2 * atlas.mapped * baked.texture.values.size
@@ -223,9 +224,8 @@ def _messages_on_dark_texels(baked: Baked, options: BakeOptions, surroundings: P
     """Return what keeps texels dark; `surroundings` are told already, with what to do."""
     dark, parts = baked.dark, baked.dark.parts
     named = surroundings is not None and any(part.name == surroundings.name for part in parts)
-    inwards = dark.inwards >= _MIN_INWARDS and not named and not options.two_sided
-    encloses = dark.inside >= _MIN_DARK
-    if inwards and not encloses and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
+    may_be_flipped, encloses = not named and not options.two_sided, dark.inside >= _MIN_DARK
+    if may_be_flipped and not encloses and topology(baked.scene.faces).watertight and _signed_volume(baked) < 0:
         return [
             "the mesh is closed and its faces point inwards: its inside was baked; flip the faces, or use --two-sided"
         ]
@@ -244,7 +244,7 @@ def _messages_on_dark_texels(baked: Baked, options: BakeOptions, surroundings: P
     told = ", ".join(f"{share:.1%} {cause}" if len(found) > 1 else cause for share, cause in found)
     lines: list[str] = [Note(f"{dark.share:.1%} of texels are dark (AO below 0.01){f': {told}' if told else ''}")]
     leave_out = "if a part surrounds the others, such as a sky or a room, leave it out with --exclude"
-    if inwards:
+    if may_be_flipped and dark.inwards >= _MIN_INWARDS:
         what = "face inwards: the front of their faces is enclosed, only the back sees out"
         advice = f"{leave_out}; else flip these faces" if encloses else "flip these faces"
         lines.append(f"{dark.inwards:.1%} of texels {what}{facing_inwards}; {advice}, or use --two-sided")
