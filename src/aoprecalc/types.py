@@ -26,6 +26,7 @@ BoolArray = NDArray[np.bool_]
 UInt8Array = NDArray[np.uint8]
 Picture = UInt8Array  # (height, width, 3) sRGB, row 0 on top
 Wrap = Literal["repeat", "mirror", "clamp"]
+SizeEstimates = tuple[tuple[int, float], ...]  # sizes of a texture, and the error that the resolution of each adds
 
 REVERSED_WINDING = [0, 2, 1]  # order of a face's corners under a mirroring transform
 
@@ -76,8 +77,7 @@ class Part:
     material      the material's properties
     instance_of   index of the first part that is an instance of the same mesh; None for that part itself
     duplicate_of  as instance_of, but only among parts that the file cannot tell apart, so that they share UVs
-    receives      it gets ambient occlusion
-    occludes      it blocks light
+    receives      it gets ambient occlusion; occludes: it blocks light
     two_sided     its texels have the greater of both sides' values
     uv_owner      index of the part whose UV region it shares; None where it has its own
     lod           the level of detail that the file says it is (MSFT_lod): of which node, and which, 0 the finest
@@ -268,8 +268,7 @@ class DarkTexels:
     share          all of them; samples: from how many of them rays were cast, 0 where no causes were looked for
     inside         enclosed: neither side sees out, as inside another part or where parts touch
     inwards        only the back of the face sees out
-    on_ground      facing the ground and resting on it
-    above_ground   facing the ground from above: nothing else keeps the light away
+    on_ground      facing the ground and resting on it; above_ground: from above, nothing else keeps the light away
     narrow         in a gap or hollow out of which less than 1% is seen
     parts          those of which at least half is enclosed or faces inwards, those with the most such texels first
     """
@@ -296,7 +295,7 @@ class Baked:
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
     dark            its texels that get no light, and why
     backend         gl or ray; renderer: name of the OpenGL renderer, or of the ray tracer
-    shadow_size     side of the depth maps in texels; None without maps
+    shadow_size     side of the depth maps in texels, None without maps; size_estimates: empty where none was made
     options         those that define the value, as they were used: the axis that points up, the crease angle of STL
     warnings, notes   lines for the user about the result: those that may need an action, those that need none
     """
@@ -311,6 +310,7 @@ class Baked:
     backend: str
     renderer: str
     shadow_size: int | None
+    size_estimates: SizeEstimates
     options: ValueOptions
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -15,25 +15,27 @@ from aoprecalc.api.reports import (
     OcclusionStatistics,
     PartRoles,
     RayTracedErrors,
+    SizeChoice,
+    SizeError,
     TexelCounts,
     Unwrapping,
     UvSetCheck,
 )
-from aoprecalc.errors import ArgumentError, InputError, UsageError, counted
+from aoprecalc.api.texture_size import choose_texture, resolution_target
+from aoprecalc.errors import InputError, UsageError, counted
 from aoprecalc.mesh.roles import assign_roles, up_axis
 from aoprecalc.mesh.surface import default_crease_angle, shading_normals
 from aoprecalc.mesh.topology import topology
 from aoprecalc.metrics.difference import rounded
 from aoprecalc.metrics.errors import TextureErrors
+from aoprecalc.metrics.resolution import POINTS
 from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
-from aoprecalc.types import Atlas, Baked, DarkTexels, Part, Scene, UvCheck
-from aoprecalc.uv.checks import RasterizerFactory, TexelDensity, needs_uvs, surface_share
-from aoprecalc.uv.fill import LARGEST_PAGE, FirstLook, TooDenseError, next_power_of_two, rounded_down
+from aoprecalc.types import Baked, DarkTexels, Part, Scene, UvCheck
+from aoprecalc.uv.checks import TexelDensity, needs_uvs, surface_share
 from aoprecalc.uv.pack import first_unsafe_mip
-from aoprecalc.uv.unwrap import choose_atlas
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.dark_texels import dark_texels, first_look
 from aoprecalc.visibility.directions import auto_shadow_size
@@ -65,7 +67,8 @@ def bake_scene(
         backend.check_size(options)
         with timer.stage("unwrap"):
             look = partial(first_look, backend, scene, normals, options)
-            atlas = _choose_atlas(backend.rasterizer, scene, options, progress, look)
+            chosen = choose_texture(backend, scene, normals, options, progress, look)
+            options, atlas = chosen.options, chosen.atlas
         progress.note(describe_uvs(atlas, options.padding))
         setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
         texels = setup.texels
@@ -116,37 +119,12 @@ def bake_scene(
         backend=backend.kind,
         renderer=backend.name,
         shadow_size=shadow_size if backend.kind == "gl" else None,
+        size_estimates=chosen.estimates,
         options=_value_options(scene, options),
     )
     coarse = [] if maps is None else [maps.warning(shadow_size)]
-    messages = [*filter(None, coarse), *messages_on(baked, options, overlap)]
+    messages = [*chosen.warnings, *filter(None, coarse), *messages_on(baked, options, overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
-
-
-def _choose_atlas(
-    make_rasterizer: RasterizerFactory, scene: Scene, options: BakeOptions, progress: Progress, first_look: FirstLook
-) -> Atlas:
-    """Return the UVs for a texture of the size that `options` name; see `choose_atlas`.
-
-    Raises UsageError where the density of texels that is asked for is impossible, with what is possible.
-    """
-    try:
-        atlas = choose_atlas(make_rasterizer, scene, options, progress, first_look)
-    except TooDenseError as error:
-        raise error.advice() from error
-    if options.texel_density is not None and atlas.method == "keep":
-        raise _kept_density(scene, atlas, options, options.texel_density)
-    return atlas
-
-
-def _kept_density(scene: Scene, atlas: Atlas, options: BakeOptions, wanted: float) -> ArgumentError:
-    """Return the error that tells the density of the file's UVs, and the size at which it is what is asked for."""
-    size = max(options.width, options.height)
-    density = TexelDensity.of(scene, atlas, options.width, options.height).mean
-    found = f"is {wanted:g}, but the file's own UVs have {rounded_down(density)} at {options.width} x {options.height}"
-    needed = next_power_of_two(size * wanted / density) if wanted / density <= LARGEST_PAGE / size else None
-    without = f"use a {{size}} of {needed} without it" if needed else "omit it"
-    return ArgumentError("texel_density", f"{found}; {without}, or {{unwrap}} xatlas for new UVs", "unwrap", "size")
 
 
 def _value_options(scene: Scene, options: BakeOptions) -> ValueOptions:
@@ -187,11 +165,12 @@ def bake_report(
 ) -> BakeReport:
     """Return the report of a bake; only `seconds` differs between equal runs."""
     scene, atlas, texture = baked.scene, baked.atlas, baked.texture
+    height, width = texture.values.shape
     mesh = topology(scene.faces)
     values = texture.values[texture.valid]
     valid, alone = int(np.count_nonzero(texture.valid)), ground_alone(baked)
     lost = needs_uvs(scene) & ~atlas.mapped
-    density = TexelDensity.of(scene, atlas, options.width, options.height)
+    density = TexelDensity.of(scene, atlas, width, height)
     return BakeReport(
         input=InputMesh(
             str(scene.path),
@@ -224,7 +203,8 @@ def bake_report(
             texel_density=rounded(density.mean),
             least_density=rounded(density.least),
         ),
-        texels=TexelCounts(options.width, options.height, valid),
+        texels=TexelCounts(width, height, valid),
+        size_choice=_size_choice(baked, options),
         ao=OcclusionStatistics(
             mean=round(float(values.mean(dtype=np.float64)), 6),
             min=round(float(values.min()), 6),
@@ -238,6 +218,14 @@ def bake_report(
         warnings=warnings_of(messages),
         notes=notes_of(messages),
     )
+
+
+def _size_choice(baked: Baked, options: BakeOptions) -> SizeChoice | None:
+    if not baked.size_estimates:
+        return None
+    tried = tuple(SizeError(size, rounded(error)) for size, error in baked.size_estimates)
+    error = dict(baked.size_estimates)[len(baked.texture.values)]
+    return SizeChoice(rounded(error), rounded(resolution_target(options)), POINTS, tried)
 
 
 def _dark_texel_shares(dark: DarkTexels) -> DarkTexelShares | None:

@@ -244,6 +244,30 @@ class TexelCounts(Report):
 
 
 @dataclass(frozen=True)
+class SizeError(Report):
+    """A size in texels, and the RMS error, as rendered, that its resolution adds, as estimated."""
+
+    size: int
+    error: float
+
+
+@dataclass(frozen=True)
+class SizeChoice(Report):
+    """How the size was chosen: the smallest power of two whose error is at most the target.
+
+    error    that the resolution adds, RMS as rendered: texels baked by few rays were compared with ray tracing at
+             `points` points of the surface, twice, to take out the noise
+    target   greatest error that was wanted
+    tried    all sizes that were tried, ascending
+    """
+
+    error: float
+    target: float
+    points: int
+    tried: tuple[SizeError, ...]
+
+
+@dataclass(frozen=True)
 class OcclusionStatistics(Report):
     """Over the texels that have a value, not over the surface, of which some parts get more texels: 1 is open.
 
@@ -315,6 +339,8 @@ class BakeReport(Document):
         Side of the depth maps, in texels; None for rays.
     unwrap : Unwrapping
     texels : TexelCounts
+    size_choice : SizeChoice or None
+        None where the size was given, or chosen by the density of texels.
     ao : OcclusionStatistics
     dark : DarkTexelShares or None
         What keeps the light from the dark texels; None where less than 1% is dark.
@@ -341,6 +367,7 @@ class BakeReport(Document):
     shadow_size: int | None
     unwrap: Unwrapping
     texels: TexelCounts
+    size_choice: SizeChoice | None
     ao: OcclusionStatistics
     dark: DarkTexelShares | None
     verify: RayTracedErrors | None

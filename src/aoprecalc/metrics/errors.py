@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
 from aoprecalc.mesh.topology import edge_ids
-from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear, mip_chain
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
@@ -181,6 +181,33 @@ def seam_difference(scene: Scene, texture: Float32Array, uvs: Float64Array, mapp
 # The reference, by ray tracing.
 
 
+class Rays(Protocol):
+    """How many rays are cast from each point, and how; VerifyOptions are such."""
+
+    @property
+    def rays(self) -> int:
+        """Rays from each point; rounded up to a square."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Seed of their directions."""
+        ...
+
+    @property
+    def threads(self) -> int:
+        """Threads that cast them; 0: all cores."""
+        ...
+
+
+class RayCount(NamedTuple):
+    """Rays without further options; see `Rays`."""
+
+    rays: int
+    seed: int
+    threads: int
+
+
 def stratified_ray_count(rays: int) -> int:
     """Return the next square number: rays are stratified in a square grid."""
     return (math.isqrt(rays - 1) + 1) ** 2
@@ -190,14 +217,13 @@ def reference_ao(
     scene: Scene,
     shading: Float32Array,
     points: SurfacePoints,
-    options: VerifyOptions,
+    options: Rays,
     progress: Progress,
     integrand: Integrand = _COSINE,
 ) -> Float64Array:
     """Compute the ambient occlusion at surface points, (k,) float64 in [0, 1].
 
     shading   (f, 3, 3) float32, unit normals at the corners
-    options   `rays`, `seed` and `threads` are used
 
     Rays w are distributed by the integrand's weight, as a rule their cosine with the interpolated shading normal n.
     Estimator ratio: the visible fraction of the rays above the geometric horizon, g.w > 0 with the face normal g; mean:
@@ -218,7 +244,7 @@ def _in_one_pass(
     scene: Scene,
     shading: Float32Array,
     points: SurfacePoints,
-    options: VerifyOptions,
+    options: Rays,
     progress: Progress,
     integrand: Integrand,
 ) -> Float64Array:
@@ -237,7 +263,7 @@ def _in_one_pass(
 def _one_side(
     occluders: RayOcclusion,
     points: tuple[Float64Array, Float64Array, Float64Array],
-    options: VerifyOptions,
+    options: Rays,
     integrand: Integrand,
     progress: Progress,
 ) -> Float64Array:

@@ -6,10 +6,11 @@ from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.fields import (  # fmt: skip
+    AUTO,
     BYTES,
     DISTANCE,
     SHADOW_SIZE,
-    SIZE,
+    TEXTURE_SIZE,
     Option,
     Validated,
     documented,
@@ -145,9 +146,10 @@ class _TextureSize:
     """Gives the size of a texture as one value."""
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in texels."""
-        return self.__dict__["width"], self.__dict__["height"]
+    def size(self) -> tuple[int, int] | Literal["auto"]:
+        """Width and height in texels; auto where the bake chooses them."""
+        width, height = self.__dict__["width"], self.__dict__["height"]
+        return (width, height) if width else "auto"
 
 
 @documented
@@ -158,8 +160,10 @@ class BakeOptions(_TextureSize, ValueOptions):
     `size` sets `width` and `height`, and takes precedence over them.
     """
 
-    width: Annotated[int, Option("Width of the texture.", range=(1, _MAX_SIZE), unit="texels", part_of="size")] = 1024
-    height: Annotated[int, Option("Height of the texture.", range=(1, _MAX_SIZE), unit="texels", part_of="size")] = 1024
+    width: Annotated[int, Option(
+        "Width of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
+    height: Annotated[int, Option(
+        "Height of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
     directions: Annotated[int, _visibility(
         "Light directions, uniform on the sphere.", "-n", range=(1, 1_000_000),
         more="They come in pairs, so an odd number is rounded up.")] = 1000
@@ -199,7 +203,8 @@ class BakeOptions(_TextureSize, ValueOptions):
     target_error: Annotated[float | None, _visibility(
         "Stop before `directions` once the estimated sampling error is at most E.", range=(0, 1), metavar="E",
         default_text="never stop early",
-        more="The error is the RMS error of a texel; it is estimated after every multiple of 256 directions.")] = None
+        more="The error is the RMS error of a texel; it is estimated after every multiple of 256 directions. Where "
+        "`size` is auto, E holds for the sum of its square and that of the error that the resolution adds.")] = None
     threads: ThreadsField = 0
     memory_limit: Annotated[int | None, _run(
         "Stay within this much memory, such as 1.5G: the same texture in more time.", range=(1, 1 << 50), unit="bytes",
@@ -209,14 +214,17 @@ class BakeOptions(_TextureSize, ValueOptions):
     pack: Annotated[Pack, _texture(
         "orm: put occlusion into one picture with glTF's roughness and metalness.",
         more="This needs materials that have these on the same UVs.")] = "none"
-    size: InitVar[Annotated[int | tuple[int, int] | None, _texture(
-        "Size of the texture in texels: one number for a square, or width and height.", range=(1, _MAX_SIZE),
-        unit="texels", quantity=SIZE)]] = None
+    size: InitVar[Annotated[int | tuple[int, int] | Literal["auto"] | None, _texture(
+        "Size of the texture in texels: one number for a square, width and height, or auto.", range=(1, _MAX_SIZE),
+        unit="texels", quantity=TEXTURE_SIZE,
+        more="auto: the smallest power of two from 64 to 8192 that holds `texel_density`; without that, at which the "
+        "resolution adds an RMS error of at most 0.005, or 0.7 of `target_error`, estimated by ray tracing.")]] = None
 
-    def __post_init__(self, size: int | tuple[int, int] | None) -> None:
+    def __post_init__(self, size: int | tuple[int, int] | Literal["auto"] | None) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
         if size is not None:
-            width, height = option_field(BakeOptions, "size").check(size)
+            checked = option_field(BakeOptions, "size").check(size)
+            width, height = (0, 0) if checked == AUTO else checked
             object.__setattr__(self, "width", width)
             object.__setattr__(self, "height", height)
         super().__post_init__()
@@ -226,6 +234,9 @@ class BakeOptions(_TextureSize, ValueOptions):
                 "is 'gl', but depth maps do not tell how far away an occluder is, as {max_distance} needs; omit one",
                 "max_distance",
             )
+        if (self.width == 0) != (self.height == 0):
+            name = "width" if self.width == 0 else "height"
+            raise ArgumentError(name, f"is 0; expected a whole number from 1 to {_MAX_SIZE}")
 
 
 @documented

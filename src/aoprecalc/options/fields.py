@@ -26,12 +26,13 @@ _WORDS: dict[Kind, tuple[str, str]] = {
     "names": ("tuple of str", "a list of names"),
     "integers": ("tuple of int", "a list of whole numbers"),
     "vector": ("(float, float, float)", "three finite numbers, not all 0"),
-    "size": ("int or (int, int)", "a whole number{bounds}, or a width and a height"),
+    "size": ("int or (int, int){or_auto}", "a whole number{bounds}, or a width and a height{or_auto}"),
     "distance": ("float or str", "a length above 0, or a share of the diagonal such as '10%'"),
     "integer": ("int", "a whole number{bounds}"),
     "number": ("float", "a number{bounds}"),
     "text": ("str", "a text"),
 }
+AUTO = "auto"  # a size that is chosen
 OptionsClass = TypeVar("OptionsClass", bound=type[Any])
 
 
@@ -124,13 +125,19 @@ class OptionField:
         return get_args(self.type) if self.kind == "choice" else ()
 
     @property
+    def takes_auto(self) -> bool:
+        """Whether a size may be the text `auto`."""
+        return any(get_args(entry) == (AUTO,) for entry in get_args(self.type))
+
+    @property
     def expected(self) -> str:
         """What is accepted, in words."""
         bounds = ""
         if self.option.range is not None:
             low, high = self.option.range
             bounds = f" above {low}, at most {high}" if self.option.above_min else f" from {low} to {high}"
-        return _WORDS[self.kind][1].format(bounds=bounds, choices=", ".join(self.choices))
+        or_auto = ", or 'auto'" if self.takes_auto else ""
+        return _WORDS[self.kind][1].format(bounds=bounds, choices=", ".join(self.choices), or_auto=or_auto)
 
     def check(self, value: Any) -> Any:
         """Return a value as its type; NumPy's numbers become Python's, lists tuples. Raises ArgumentError."""
@@ -179,6 +186,8 @@ class OptionField:
                 return vector
         if self.kind == "distance":
             return _read_distance(value) if isinstance(value, str) else self._positive(value)
+        if self.kind == "size" and self.takes_auto and value == AUTO:
+            return AUTO
         if self.kind == "size":
             width, height = value if isinstance(value, tuple | list) else (value, value)
             return self._number(width), self._number(height)
@@ -282,7 +291,8 @@ def details(field: OptionField) -> str:
 
 
 def _type_text(field: OptionField) -> str:
-    text = _WORDS[field.kind][0].format(choices=", ".join(map(repr, field.choices)))
+    or_auto = " or 'auto'" if field.takes_auto else ""
+    text = _WORDS[field.kind][0].format(choices=", ".join(map(repr, field.choices)), or_auto=or_auto)
     unit = f" ({field.option.unit})" if field.option.unit else ""
     return f"{text}{unit}{' or None' if field.optional and not field.init_only else ''}"
 
@@ -314,7 +324,13 @@ def _read_size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2] or match[1])
 
 
-def _write_size(size: tuple[int, int]) -> str:
+def _read_texture_size(text: str) -> tuple[int, int] | str:
+    return AUTO if text == AUTO else _read_size(text)
+
+
+def _write_size(size: tuple[int, int] | str) -> str:
+    if isinstance(size, str):
+        return size
     width, height = size
     return str(width) if width == height else f"{width}x{height}"
 
@@ -359,6 +375,9 @@ def _read_days(text: str) -> float:
 
 
 SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024", "N|WxH")
+TEXTURE_SIZE = Quantity(
+    _read_texture_size, _write_size, "a number of texels such as 1024, or 2048x1024, or auto", "N|WxH|auto"
+)
 SHADOW_SIZE = Quantity(
     _read_shadow_size, lambda size: "auto" if size is None else str(size), "a number of texels, or auto", "N|auto"
 )

@@ -42,6 +42,7 @@ from aoprecalc.pipeline.state import (
 )
 
 _ABANDONED_AFTER = 24 * 3600  # seconds after which an entry in `new` has no writer any more
+_USUAL_TEXELS = 1024**2  # of a texture whose size the bake chooses
 _USE_RESOLUTION = 60  # seconds: uses within it are noted once
 _PRUNE_INTERVAL = 600  # seconds between two batches that prune, as that reads every entry
 
@@ -235,7 +236,7 @@ class PendingAsset:
     def cost(self) -> tuple[int, int]:
         """Return a rough measure of how long it takes: texels times directions of the bake, bytes of the inputs."""
         bake = self.asset.spec.bake
-        samples = 0 if bake is None else bake.width * bake.height * bake.directions
+        samples = 0 if bake is None else (bake.width * bake.height or _USUAL_TEXELS) * bake.directions
         return samples, sum(stamp.size for stamp in self.inputs.files.values())
 
 

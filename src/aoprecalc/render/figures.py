@@ -6,7 +6,7 @@ rendered with it (1.4); and samples of its surface, the spheres that are fitted 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -96,7 +96,8 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
         for positions in (shown, corners if len(corners) else np.tile(center, (1, 3, 1)))
     )
     with open_backend(options, Progress()) as backend:
-        setup = BakeSetup(backend, BakeInputs(baked.scene, baked.atlas, baked.normals, options))
+        sized = replace(options, size=baked.texture.values.shape[::-1])
+        setup = BakeSetup(backend, BakeInputs(baked.scene, baked.atlas, baked.normals, sized))
         projection = upright_projection(direction, up, points.astype(np.float64), size, _MARGIN)
         depths = backend.depths(occluders, projection, size)[:, ::-1]
         sides: list[ResolvedTexture] = []

@@ -94,6 +94,18 @@ class RayCaster:
         self._for_chunks(cast, len(directions))
         return hits
 
+    def below(self, positions: Float32Array) -> Int32Array:
+        """Return the index of a triangle under each of (k, 2) positions x, y, (k,) int32; -1 where there is none."""
+        origins = np.column_stack([positions, np.ones(len(positions), np.float32)])
+        hits, down = np.empty(len(positions), np.int32), np.array([[0, 0, -1]], np.float32)
+
+        def cast(start: int) -> None:
+            chunk = slice(start, start + _CHUNK_RAYS)
+            hits[chunk] = self._scene.run(origins[chunk], down, query="INTERSECT")
+
+        self._for_chunks(cast, len(positions))
+        return hits
+
     def distances(self, origins: Float32Array, directions: Float32Array) -> Float32Array:
         """Return how far k rays go until they hit a triangle, (k,) float32; NaN where they hit none.
 
