@@ -38,6 +38,16 @@ def one_or_many(count: SupportsIndex, one: str, many: str) -> str:
     return one if count == 1 else many
 
 
+def format_bytes(count: int) -> str:
+    """Write an amount of memory for people, to three digits, such as 1.5G."""
+    amount, unit = float(count), ""
+    for larger in "KMGT":
+        if amount < 1024:
+            break
+        amount, unit = amount / 1024, larger
+    return f"{amount:.0f}{unit or ' bytes'}" if not unit or amount >= 100 else f"{amount:.3g}{unit}"
+
+
 # What other programs call an option -> what it is called here.
 SYNONYMS = {
     "samples": "directions",

@@ -79,6 +79,12 @@ def test_a_density_beyond_the_largest_size_is_refused(monkeypatch):
 # By error.
 
 
+@pytest.fixture(autouse=True)
+def few_points(monkeypatch):
+    """As many as are enough to see which of two sizes is better."""
+    monkeypatch.setattr("aoprecalc.metrics.resolution.POINTS", 200)
+
+
 @pytest.mark.parametrize("target", [0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0001, 0.0])
 @pytest.mark.parametrize("power", [0.5, 1.0, 1.5])
 def test_the_search_finds_the_smallest_size_with_few_tries(target, power):
@@ -107,20 +113,15 @@ def step():
     )
 
 
-def test_the_size_falls_with_the_target_and_the_error_is_shared_with_that_of_sampling(step):
-    sizes = []
-    for target in (0.1, 0.03, 0.01):
-        baked = bake(step, target_error=target, directions=4096)
-        estimates = dict(baked.size_estimates)
-        error = estimates[side(baked)]
-        assert error <= target / math.sqrt(2)
-        if side(baked) > SIZES[0]:
-            assert estimates.get(side(baked) // 2, math.inf) > target / math.sqrt(2)
-        assert baked.sampling_error**2 + error**2 <= target**2
-        assert not any("estimated" in line for line in baked.warnings)
-        sizes.append(side(baked))
-    assert sizes == sorted(sizes)
-    assert sizes[0] < sizes[-1]
+@pytest.mark.parametrize("target", [0.1, 0.012])
+def test_the_error_is_shared_with_that_of_sampling(step, target):
+    baked = bake(step, target_error=target, directions=2048)
+    estimates = dict(baked.size_estimates)
+    error = estimates[side(baked)]
+    assert error <= target / math.sqrt(2)
+    assert side(baked) == SIZES[0] or estimates[side(baked) // 2] > target / math.sqrt(2)
+    assert baked.sampling_error**2 + error**2 <= target**2
+    assert not any("estimated" in line for line in baked.warnings)
 
 
 def test_a_target_beyond_the_largest_size_is_told(step, monkeypatch):
@@ -169,6 +170,7 @@ def test_it_is_an_option_everywhere(tmp_path):
         BakeOptions(height=0)
 
 
-def test_a_memory_limit_bounds_it(step):
-    baked = bake(step, target_error=0.0, memory_limit=1 << 30, directions=2)
-    assert SIZES[0] < side(baked) < SIZES[-1]
+def test_a_memory_limit_bounds_it(step, monkeypatch):
+    monkeypatch.setattr("aoprecalc.visibility.setup.resident_memory", lambda: 100 << 20)
+    most = bake(step, target_error=0.0, memory_limit=450 << 20)
+    assert SIZES[0] < side(most) <= 1024

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type, say
-from aoprecalc.errors import UsageError, counted
-from aoprecalc.options.fields import AGE, BYTES, format_bytes
+from aoprecalc.errors import UsageError, counted, format_bytes
+from aoprecalc.options.fields import AGE, BYTES
 
 if TYPE_CHECKING:
     from aoprecalc.pipeline.store import CacheReport

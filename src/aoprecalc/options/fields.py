@@ -319,13 +319,11 @@ def _match(pattern: str, text: str) -> re.Match[str]:
     return match
 
 
-def _read_size(text: str) -> tuple[int, int]:
+def _read_size(text: str) -> tuple[int, int] | str:
+    if text == AUTO:
+        return text
     match = _match(r"(\d{1,9})(?:x(\d{1,9}))?", text)
     return int(match[1]), int(match[2] or match[1])
-
-
-def _read_texture_size(text: str) -> tuple[int, int] | str:
-    return AUTO if text == AUTO else _read_size(text)
 
 
 def _write_size(size: tuple[int, int] | str) -> str:
@@ -375,9 +373,7 @@ def _read_days(text: str) -> float:
 
 
 SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024", "N|WxH")
-TEXTURE_SIZE = Quantity(
-    _read_texture_size, _write_size, "a number of texels such as 1024, or 2048x1024, or auto", "N|WxH|auto"
-)
+TEXTURE_SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024, or auto", "N|WxH|auto")
 SHADOW_SIZE = Quantity(
     _read_shadow_size, lambda size: "auto" if size is None else str(size), "a number of texels, or auto", "N|auto"
 )
@@ -399,13 +395,3 @@ DISTANCE = Quantity(
 # K, M, G and T are powers of 1024; so are KB, KiB, ...
 BYTES = Quantity(_read_bytes, _write_bytes, "an amount of memory with K, M, G or T, such as 1.5G", "SIZE")
 AGE = Quantity(_read_days, lambda days: f"{days:g}d", "a time with h, d or w, such as 30d", "TIME")
-
-
-def format_bytes(count: int) -> str:
-    """Write an amount of memory for people, to three digits, such as 1.5G."""
-    amount, unit = float(count), ""
-    for larger in "KMGT":
-        if amount < 1024:
-            break
-        amount, unit = amount / 1024, larger
-    return f"{amount:.0f}{unit or ' bytes'}" if not unit or amount >= 100 else f"{amount:.3g}{unit}"

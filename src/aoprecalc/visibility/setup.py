@@ -6,11 +6,10 @@ An axis is a pair of opposite light directions, given by one unit vector.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from aoprecalc.errors import ArgumentError
+from aoprecalc.errors import ArgumentError, format_bytes
 from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
-from aoprecalc.options.fields import format_bytes
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
 from aoprecalc.system import resident_memory
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import InputError, counted
+from aoprecalc.errors import InputError, counted, format_bytes
 from aoprecalc.io.formats.ply_table import read_header, read_table
 from aoprecalc.io.outputs import SCHEMAS
-from aoprecalc.options.fields import format_bytes
 from aoprecalc.types import Float64Array, SphereSet
 
 _SCHEMA = SCHEMAS["spheres"]
