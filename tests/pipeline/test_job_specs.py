@@ -24,6 +24,7 @@ WRITTEN = {
     "memory_limit": {"1.5G": 3 << 29, 4096: 4096},
     "shadow_size": {"512": 512, "auto": None, 64: 64},
     "levels": {"2,8,32": (2, 8, 32)},
+    "max_distance": {"10%": "10%", "2.5": 2.5, 2.5: 2.5},
     "only": {"roof": ("roof",)},
     "bit_depth": {"16": "16", 16: "16"},
 }
@@ -61,6 +62,8 @@ def said_of(kind):
 
 def beside(key, value):
     """What has to be said, too, for an option to mean something."""
+    if key == "falloff" and value != "none":
+        return {"max_distance": 2.5}
     return {"ground": True} if key == "up" and value != "auto" else {}
 
 

@@ -33,6 +33,7 @@ def _type_of(field: OptionField) -> Any:
         "names": list[str] | str,
         "integers": list[int],
         "number": int | float,
+        "distance": int | float,
         "text": str,
     }
     plain = types.get(field.kind, int)
