@@ -73,7 +73,7 @@ def _scene_format(scene: Scene) -> MeshFormat:
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
-    """Read all triangles of a mesh file of any of FORMATS: OBJ, PLY, STL, OFF, glTF, USD, COLLADA, FBX, 3MF, one in a ZIP.
+    """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, USD, FBX, COLLADA, 3MF, or one of these in a ZIP.
 
     Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings for the user are in
     Scene.warnings.

@@ -1,6 +1,5 @@
 """The materials of an FBX, as ufbx tells them: colour, opacity and their pictures."""
 
-import ctypes
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +12,7 @@ from aoprecalc.io.formats.files import FileSearch, ImageSource
 from aoprecalc.io.formats.materials import ExaminedMaterial, examine
 from aoprecalc.texture_lookup import srgb_from_linear
 
-_add_reference = ctypes.pythonapi.Py_IncRef
-_add_reference.argtypes, _add_reference.restype = [ctypes.py_object], None
+_HELD: list[Any] = []  # a reference for each time that an element was given
 
 
 def held(element: Any) -> Any:
@@ -23,7 +21,7 @@ def held(element: Any) -> Any:
     ufbx 0.0.5 keeps one Python object for each element, and counts no reference when it hands it out again: without
     this it is freed while in use. It must be called on each element that an attribute or a list gives.
     """
-    _add_reference(element)
+    _HELD.append(element)
     return element
 
 
