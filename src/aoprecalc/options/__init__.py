@@ -84,7 +84,7 @@ IMAGE_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg", ".tga", ".
 PICTURE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp")  # of what people look at
 MESH_EXTENSIONS = (  # read
     ".obj", ".ply", ".stl", ".off", ".gltf", ".glb", ".vrm", ".dae", ".zae", ".3mf", ".usd", ".usda", ".usdc", ".usdz",
-    ".zip",
+    ".fbx", ".zip",
 )  # fmt: skip
 BAKED_MESH_EXTENSIONS = (  # written, with the UVs of a bake
     ".obj", ".ply", ".gltf", ".glb", ".vrm", ".usd", ".usda", ".usdc", ".usdz",
