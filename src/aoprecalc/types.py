@@ -288,8 +288,7 @@ class Baked:
     """The result of a bake.
 
     scene           the scene, with the roles of its parts
-    texture         the finished texture
-    atlas           its UVs
+    texture, atlas  the finished texture, and its UVs
     normals         (f, 3, 3) float32: the shading normals that were used
     directions      number of light directions that were used
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
@@ -336,12 +335,12 @@ class BaseColor:
 class TexturedMesh:
     """A mesh with its ambient-occlusion texture, as pictures show it.
 
-    scene         its positions, faces, parts and materials
+    scene         its positions, faces, parts and materials; base_colors: one for each part, or none
     normals       (f, 3, 3) float64: unit shading normals at the corners
     uvs           (f, 3, 2) float64, v upwards; None without a texture
     ao            (height, width) float32 in [0, 1], 1 is open, row 0 at v = 1; None without a texture
     textured      (f,) bool: faces that the texture covers; the others are drawn as open
-    base_colors   one for each part of the scene, or none
+    strengths     (f,) float32 in [0, 1]: 1 + strength * (AO - 1) is drawn; None: 1 everywhere
     """
 
     scene: Scene
@@ -350,6 +349,7 @@ class TexturedMesh:
     ao: Float32Array | None
     textured: BoolArray
     base_colors: tuple[BaseColor, ...] = ()
+    strengths: Float32Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import pytest
 import aoprecalc as ao
 from aoprecalc.api.bake import bake_file
 from aoprecalc.io import find_occlusion, load_scene, read_image, write_image
-from aoprecalc.io.baked_options import bake_text, options_document, read_options
+from aoprecalc.io.baked_options import bake_text, occlusion_values, options_document, read_options
+from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import MAX_TEXT, png_bytes, read_pixels, read_text
 from aoprecalc.options import ValueOptions
 from gltf_kit.gltf_validator import needs_validator, new_issues
@@ -27,7 +28,7 @@ def test_the_text_is_plain_and_gives_the_options_back():
     assert TEXT.isascii()
     assert read_options(TEXT) == read_options(json.loads(TEXT)) == OPTIONS
     assert read_options(bake_text(ValueOptions(), 12)) == ValueOptions()
-    assert len(bake_text(ValueOptions(), 12)) < 270
+    assert len(bake_text(ValueOptions(), 12)) < 400
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".tif", ".jpg"])
@@ -158,6 +159,18 @@ def test_a_chunk_that_is_no_text_is_a_picture_without_one(tmp_path):
         with pytest.raises(ValueError, match=r"\S"):
             read_options(read_text(tmp_path / "a.png"))
         assert np.abs(read_image(tmp_path / "a.png") - VALUES).max() < 1 / 255
+
+
+def test_an_image_of_the_complement_is_read_as_the_values(tmp_path):
+    text = bake_text(OPTIONS, 12, inverted=True)
+    assert read_options(text) == OPTIONS
+    write_image(tmp_path / "a.exr", 1 - VALUES, "float", text)
+    write_image(tmp_path / "b.exr", VALUES, "float", TEXT)
+    for name in "ab":
+        found = occlusion_values(ImageSource.of(tmp_path / f"{name}.exr"))
+        np.testing.assert_allclose(found, VALUES, atol=1e-7)
+    write_image(tmp_path / "c.exr", VALUES, "float", '{"schema": 1, "inverted": "yes"}')
+    np.testing.assert_array_equal(occlusion_values(ImageSource.of(tmp_path / "c.exr")), VALUES)
 
 
 def test_a_very_long_list_of_names_does_not_travel():

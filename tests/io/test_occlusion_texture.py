@@ -96,13 +96,15 @@ def test_a_texture_transform_is_applied(gltf_cube, pictures):
     assert np.allclose(find_occlusion(scene).uvs, lower_left[scene.parts[0].vertices % 4], atol=1e-7)
 
 
-def test_a_strength_is_not_applied_and_said(gltf_cube, pictures):
+@pytest.mark.parametrize(("stated", "taken"), [(0.5, 0.5), (0, 0), (2, 1), (-1, 1)])
+def test_a_strength_is_read_beside_the_values(gltf_cube, pictures, stated, taken):
     maker, primitive = gltf_cube
-    primitive["material"] = add_material(maker, embedded(maker, pictures / "light.png"), strength=0.5)
+    primitive["material"] = add_material(maker, embedded(maker, pictures / "light.png"), strength=stated)
     maker.node(mesh=maker.mesh(primitive))
     found = find_occlusion(maker.load())
     assert shows(found, LIGHT)
-    assert ["strength of 0.5" in line for line in found.warnings] == [True]
+    assert (found.strengths == taken).all()
+    assert found.warnings == ()
 
 
 def test_of_different_pictures_one_is_taken_and_the_other_faces_are_left_out(gltf_cube, pictures):

@@ -15,7 +15,7 @@ from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
 from aoprecalc.errors import counted
-from aoprecalc.io import Outputs, load_scene, read_image, source_files
+from aoprecalc.io import Outputs, load_scene, source_files
 from aoprecalc.io.formats.base import output_uvs
 from aoprecalc.io.images import png_bytes
 from aoprecalc.io.outputs import write_json
@@ -66,6 +66,7 @@ class BakeResult:
         """Write the texture and the mesh, as the command line does.
 
         All files appear, or none. A mesh from a file keeps what else the file holds; one from arrays becomes a GLB.
+        With the option `invert` the picture holds 1 - `ao`.
 
         Parameters
         ----------
@@ -321,7 +322,7 @@ def bake_file(
         messages = (*_messages(baked), *written.messages)
         errors = None
         if verify:
-            errors = _measure(baked, read_image(written.texture), options, progress, timer)
+            errors = _measure(baked, written.values(), options, progress, timer)
             messages += _notes_on_shared_uvs(baked)
         document = bake_report(baked, options, named, errors, timer.seconds(), messages)
         if plan.report is not None:

@@ -15,16 +15,17 @@ from aoprecalc.io import (
     check_mesh_extension,
     choose_bit_depth,
     output_mesh_extension,
+    read_image,
     write_baked_mesh,
     write_image,
 )
 from aoprecalc.io.baked_options import bake_text
-from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT
+from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, read_text
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
-from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
+from aoprecalc.options import BakeOptions, BitDepth, ValueOptions, VerifyOptions
 from aoprecalc.progress import Note
-from aoprecalc.types import Baked, Scene
+from aoprecalc.types import Baked, Float32Array, Scene
 
 Output = str | PathLike[str]
 
@@ -52,14 +53,21 @@ class WrittenBake:
 
     files       their final paths
     texture     the texture now: a temporary file
+    inverted    it holds 1 - AO
     references  where the mesh refers to the texture
     messages    warnings and notes for the user
     """
 
     files: BakeFiles
     texture: Path
+    inverted: bool
     references: tuple[AoReference, ...]
     messages: tuple[str, ...]
+
+    def values(self) -> Float32Array:
+        """Return the AO that the texture holds, (height, width) float32, as it is stored."""
+        stored = read_image(self.texture)
+        return 1 - stored if self.inverted else stored
 
     def outputs(self, outputs: Outputs) -> BakeOutputs:
         """Return what the report says about them; `others` go with the mesh (.mtl, .bin, images)."""
@@ -68,6 +76,7 @@ class WrittenBake:
         others = sorted(str(mesh.parent / path.name) for path in outputs.files if path not in named)
         return BakeOutputs(
             texture=None if texture is None else str(texture),
+            inverted=self.inverted,
             mesh=str(mesh),
             others=tuple(others),
             references=self.references,
@@ -127,23 +136,45 @@ class BakePlan:
         mesh = self._mesh_path(suffix) if self.mesh is None else self.mesh.path
         texture = scratch / f"{self.stem}{_EMBEDDED}" if self.texture is None else self.texture.path
         written = texture if self.texture is None else outputs.path(texture)
-        text = bake_text(baked.options, len(baked.scene.faces))
-        write_image(written, baked.texture.values, self.options.bit_depth, text)
+        self._write_picture(written, baked, self.options.bit_depth, inverted=self.options.invert)
+        shown = self._write_upright(outputs, mesh, baked, scratch) if self.options.invert else texture
         made = write_baked_mesh(
             outputs,
             mesh,
             baked.scene,
             baked.atlas,
             baked.normals,
-            texture,
+            shown,
             pack=self.options.pack,
             options=baked.options,
+            strength=self.options.strength,
         )
         messages = (*made.messages, *_notes_on_options(texture, mesh, baked.options))
+        messages += _warnings_on_strength(mesh, self.options.strength)
+        if self.options.invert:
+            messages += _messages_on_inversion(texture, mesh, shown, readable=bool(read_text(written)))
         if reason and self.mesh is None and self.mesh_given is None:
             messages += (Note(reason),)
-        references = tuple(AoReference(use.slot, use.materials, use.uvs, use.packed) for use in made.references)
-        return WrittenBake(BakeFiles(None if self.texture is None else texture, mesh), written, references, messages)
+        references = tuple(
+            AoReference(use.slot, use.materials, use.uvs, use.packed, use.strength) for use in made.references
+        )
+        files = BakeFiles(None if self.texture is None else texture, mesh)
+        return WrittenBake(files, written, self.options.invert, references, messages)
+
+    def _write_picture(self, path: Path, baked: Baked, bit_depth: BitDepth, *, inverted: bool) -> None:
+        values = 1 - baked.texture.values if inverted else baked.texture.values
+        write_image(path, values, bit_depth, bake_text(baked.options, len(baked.scene.faces), inverted=inverted))
+
+    def _write_upright(self, outputs: Outputs, mesh: Path, baked: Baked, scratch: Path) -> Path:
+        """Write the picture of the AO that the mesh refers to where the texture is inverted; return its path."""
+        depth = self.options.bit_depth if self.options.bit_depth in BIT_DEPTHS[_EMBEDDED] else "auto"
+        if _embeds(mesh):
+            path = written = scratch / f"{self.stem}{_EMBEDDED}"
+        else:
+            path = next(outputs.candidates(mesh.with_name(f"{self.stem}_open{_EMBEDDED}")))
+            written = outputs.path(path)
+        self._write_picture(written, baked, depth, inverted=False)
+        return path
 
     def _mesh_path(self, suffix: str) -> Path:
         """Return the path of a mesh whose name is not given: that of the texture, with another extension."""
@@ -160,6 +191,23 @@ def _notes_on_options(texture: Path, mesh: Path, options: ValueOptions) -> tuple
         return ()
     advice = f"pass them to verify ({shlex.join(words)}), or write a .png"
     return (Note(f"{texture} cannot hold the options of the bake: {advice}"),)
+
+
+def _warnings_on_strength(mesh: Path, strength: float) -> tuple[str, ...]:
+    """Warn that the strength is not written, where the format of the mesh has none."""
+    mesh_format = format_of(mesh)
+    if strength == 1 or mesh_format.has_strength:
+        return ()
+    return (f"{mesh}: {mesh_format.name} has no strength of occlusion, {strength:g} is not written; write a .glb",)
+
+
+def _messages_on_inversion(texture: Path, mesh: Path, shown: Path, *, readable: bool) -> tuple[str, ...]:
+    """Tell which picture is inverted, and warn where it does not say so itself."""
+    place = "has one of the AO inside" if _embeds(mesh) else f"refers to {shown.name}, of the AO"
+    note = Note(f"{texture} holds the occlusion, 1 - AO; {mesh} {place}")
+    if readable:
+        return (note,)
+    return (note, f"{texture} cannot say that it is inverted: other commands will take it for AO; write a .png")
 
 
 def plan_bake(
@@ -195,6 +243,13 @@ def plan_bake(
             "output",
         )
     mesh = meshes[0] if meshes else None
+    if options.invert and mesh is not None and not images:
+        raise ArgumentError(
+            "invert",
+            f"is for a picture, but {{output}} names a mesh alone, {mesh.path}, whose format means 1 is open; name a "
+            f"picture as well, such as {mesh.path.stem}_occlusion.png",
+            "output",
+        )
     if mesh is not None:
         check_mesh_extension(mesh.path, options.pack)
     elif mesh_output is not None:

@@ -22,9 +22,8 @@ from aoprecalc.io import (
     source_files,
     write_colors,
 )
-from aoprecalc.io.baked_options import baked_options
+from aoprecalc.io.baked_options import baked_options, occlusion_pixels
 from aoprecalc.io.formats.files import ImageSource
-from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import NoOcclusionError, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_levels
@@ -258,7 +257,7 @@ def _read(kind: Kind, path: Path, mesh: Path | None) -> _Input:
 
 
 def _read_texture(path: Path, mesh: Path | None) -> _Input:
-    pixels = read_pixels(path)
+    pixels = occlusion_pixels(ImageSource.of(path))
     if not np.isfinite(pixels).all():
         raise InputError(f"{path}: holds values that are not finite, 0 to 1 were expected; bake it again")
     found = mesh or mesh_beside(path)
@@ -272,7 +271,7 @@ def _read_texture(path: Path, mesh: Path | None) -> _Input:
             lines = (*damage, f"the whole picture counts, as the mesh beside it cannot be used: {error}")
             return _Input(ComparedTexture(pixels), (path, found), lines, options)
         value = ComparedTexture(pixels, surface.coverage())
-        lines = (*surface.warnings, *surface.warning_on_mesh)
+        lines = (*surface.warnings, *surface.note_on_strength, *surface.warning_on_mesh)
         return _Input(value, (path, *source_files(scene)), lines, surface.picture.options)
     options, damage = baked_options(ImageSource.of(path))
     return _Input(ComparedTexture(pixels), (path,), damage, options)
@@ -289,7 +288,7 @@ def _read_mesh(path: Path) -> _Input:
     pixels = picture.values[:, :, None]
     try:
         surface = TexturedSurface.of(scene, picture, VerifyOptions())
-        texture, warnings = ComparedTexture(pixels, surface.coverage()), surface.warnings
+        texture, warnings = ComparedTexture(pixels, surface.coverage()), (*surface.warnings, *surface.note_on_strength)
     except InputError as error:
         texture, warnings = ComparedTexture(pixels), (*picture.warnings, f"the whole picture counts: {error}")
     mesh = ComparedMesh(scene.corners, scene.normals, scene.uv_sets, texture, uvs)

@@ -20,7 +20,8 @@ from aoprecalc.api.report_facts import (
 from aoprecalc.api.sphere_quality import SphereQuality, quality_in
 from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
 from aoprecalc.errors import AoprecalcError, InputError, RendererError, counted, option_name
-from aoprecalc.io import read_image
+from aoprecalc.io.baked_options import occlusion_values
+from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import read_pixels
 from aoprecalc.io.meshes import baked_copy
 from aoprecalc.io.sphere_files import read_spheres
@@ -85,7 +86,7 @@ def read_asset(asset: AssetFiles) -> ReadAsset | None:
                 mesh = mesh_to_draw(asset.mesh, asset.texture, colors=True)
                 ao = mesh.mesh.ao
             else:
-                ao = read_image(asset.texture)
+                ao = occlusion_values(ImageSource.of(asset.texture))
         spheres = None if asset.spheres is None else read_spheres(asset.spheres)
         quality = None if asset.spheres is None else quality_in(asset.spheres)
         heat_map = None if asset.heat_map is None else read_pixels(asset.heat_map)

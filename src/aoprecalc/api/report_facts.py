@@ -196,6 +196,8 @@ def bake_commands(bake: BakeReport) -> tuple[str, ...]:
             height=bake.texels.height,
             directions=bake.directions,
             sampling=cast(Sampling, bake.sampling),
+            strength=next((use.strength for use in bake.outputs.references if use.strength is not None), 1),
+            invert=bake.outputs.inverted,
             **asdict(bake.options),
         )
     except ArgumentError:

@@ -170,12 +170,14 @@ class AoReference(Report):
     materials   how many refer to it so; None for PLY, which has no materials
     uvs         as the format calls them: TEXCOORD_1, vt, s and t
     packed      the texture also holds their roughness and metalness
+    strength    of the occlusion, 0 to 1; None where the slot has none
     """
 
     slot: str
     materials: int | None
     uvs: str
     packed: bool
+    strength: float | None = None
 
 
 @dataclass(frozen=True)
@@ -183,12 +185,14 @@ class BakeOutputs(Report):
     """Paths of the files, None before they are saved, and where the mesh refers to the texture.
 
     texture      None also where the texture is inside the mesh, a GLB
+    inverted     the texture holds the occlusion 1 - AO; the mesh refers to another picture, of the AO
     others       files that go with the mesh: .mtl, .bin, images
     figures      pictures of `--figures`, their sheet last
     references   empty before the files are saved
     """
 
     texture: str | None = None
+    inverted: bool = False
     mesh: str | None = None
     others: tuple[str, ...] = ()
     figures: tuple[str, ...] = ()

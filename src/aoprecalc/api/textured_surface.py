@@ -78,6 +78,13 @@ class TexturedSurface:
         whose = f"{self.picture.name}: was baked for a mesh of {one}, but {self.scene.path} has {other}"
         return (f"{whose}; pass the texture of this mesh, or the mesh of this texture",)
 
+    @property
+    def note_on_strength(self) -> tuple[Note, ...]:
+        """A note where viewers weaken the texture, as its file says, while the picture itself is measured."""
+        strengths = _strengths(self.picture, self.mapped)
+        found = f"{self.picture.name}: has a strength of {strengths}, which viewers apply"
+        return (Note(f"{found}; the picture itself is measured"),) if strengths else ()
+
     @cached_property
     def atlas(self) -> Atlas:
         """Its UVs with their charts, which takes longer to find than a picture to draw."""
@@ -96,6 +103,12 @@ class TexturedSurface:
         mapped = self.mapped & self.scene.per_face(part.uv_owner is None for part in owners)
         height, width = self.picture.values.shape
         return CPURasterizer(build_layout(self.scene, replace(self.atlas, mapped=mapped), width, height)).overlap()
+
+
+def _strengths(picture: OcclusionTexture, mapped: BoolArray) -> str:
+    """Return the strengths of a texture, where one is not 1; else nothing."""
+    strengths = [1] if picture.strengths is None else np.unique(picture.strengths[mapped]).tolist()
+    return "" if strengths == [1] else " or ".join(f"{strength:g}" for strength in strengths)
 
 
 def misfit(scene: Scene, given: VerifyOptions) -> Misfit:
@@ -251,8 +264,11 @@ def _find(mesh: MeshLike, texture: str | PathLike[str] | ArrayLike | None) -> Me
         uvs=np.where(np.isfinite(picture.uvs), picture.uvs, 0.0),
         ao=picture.values,
         textured=surface.mapped,
+        strengths=picture.strengths,
     )
-    about_texture = (*map(Note, surface.warnings), *_note_on_uv_set(surface, texture))
+    strengths = _strengths(picture, surface.mapped)
+    drawn = [Note(f"{picture.name}: is drawn with its strength of {strengths}, as in viewers")] if strengths else []
+    about_texture = (*map(Note, surface.warnings), *drawn, *_note_on_uv_set(surface, texture))
     messages = (*scene.notes, *scene.warnings, *about_texture, *surface.warning_on_mesh)
     up = up_axis(scene, surface.options)
     files, all_parts = _files(scene, picture.path), surface.options.all_parts
@@ -266,7 +282,10 @@ def _at_finest_level(found: MeshToDraw) -> MeshToDraw:
     if kept.all():
         return found
     uvs = None if mesh.uvs is None else mesh.uvs[kept]
-    finest = replace(mesh, scene=scene, normals=mesh.normals[kept], uvs=uvs, textured=mesh.textured[kept])
+    strengths = None if mesh.strengths is None else mesh.strengths[kept]
+    finest = replace(
+        mesh, scene=scene, normals=mesh.normals[kept], uvs=uvs, textured=mesh.textured[kept], strengths=strengths
+    )
     left_out = counted(len(mesh.scene.parts) - len(scene.parts), "part")
     note = Note(f"{scene.path}: {left_out} not drawn, as collision hulls or coarser levels of detail")
     return replace(found, mesh=finest, messages=(*found.messages, note))

@@ -275,6 +275,7 @@ def _messages(surface: TexturedSurface, options: VerifyOptions) -> list[str]:
         *surface.scene.notes,
         *surface.scene.warnings,
         *surface.warnings,
+        *surface.note_on_strength,
         *surface.warning_on_mesh,
         *_warnings_on_few_points(surface, options),
         *_warnings_on_overlap(surface),

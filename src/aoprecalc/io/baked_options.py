@@ -1,8 +1,10 @@
-"""What travels with a baked texture: the options that define its values, and how many triangles its mesh had.
+"""What travels with a baked texture: the options that define its values, how many triangles its mesh had, 1 - AO.
 
 The text of an image (see `images.py`) has it as JSON, in ASCII:
 
     {"schema": 1, "only": [], ..., "two_sided": true, "ground": true, "up": "y", ..., "triangles": 1234}
+
+An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`.
 
 glTF's occlusionTexture has the options in its `extras`, as the member "aoprecalc". Neither has paths, times or names of
 machines. What is read is not trusted: its size is bounded, and it is checked as options of the command line.
@@ -13,15 +15,17 @@ from dataclasses import asdict
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import MAX_TEXT
 from aoprecalc.options import ValueOptions
+from aoprecalc.types import Float32Array
 
 OPTIONS_SCHEMA = 1  # version of the JSON
 EXTRAS = "aoprecalc"  # the member of glTF's `extras`
-_TRIANGLES = "triangles"
+_TRIANGLES, _INVERTED = "triangles", "inverted"
 
 
 def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
@@ -29,13 +33,18 @@ def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
     if options is None:
         return None
     document = {"schema": OPTIONS_SCHEMA, **asdict(options)}
-    return document if len(_json(document)) <= MAX_TEXT - 40 else None  # with room for the triangles
+    return document if len(_json(document)) <= MAX_TEXT - 60 else None  # with room for the other members
 
 
-def bake_text(options: ValueOptions | None, triangles: int) -> str:
-    """Return the text for the texture of a bake of so many triangles; empty where there is no document."""
+def bake_text(options: ValueOptions | None, triangles: int, *, inverted: bool = False) -> str:
+    """Return the text for the texture of a bake of so many triangles; empty where there is no document.
+
+    inverted   the image holds 1 - AO
+    """
     document = options_document(options)
-    return "" if document is None else _json({**document, _TRIANGLES: triangles})
+    if document is None:
+        return ""
+    return _json({**document, _TRIANGLES: triangles, **({_INVERTED: True} if inverted else {})})
 
 
 def read_options(found: object) -> ValueOptions:
@@ -73,13 +82,32 @@ def baked_options(image: ImageSource, extras: object = None) -> tuple[ValueOptio
 
 def baked_triangles(image: ImageSource) -> int | None:
     """Return how many triangles the mesh had for which an image was baked; None where the image does not say."""
+    count = _member(image, _TRIANGLES)
+    return count if isinstance(count, int) else None
+
+
+def occlusion_pixels(image: ImageSource) -> Float32Array:
+    """Return the pixels of an image of ambient occlusion, (height, width, channels) float32, as AO: 1 is open.
+
+    Raises InputError where it cannot be read.
+    """
+    pixels = image.pixels()
+    return 1 - pixels if _member(image, _INVERTED) is True else pixels
+
+
+def occlusion_values(image: ImageSource) -> Float32Array:
+    """Return the first channel of `occlusion_pixels`, (height, width) float32."""
+    return np.ascontiguousarray(occlusion_pixels(image)[:, :, 0])
+
+
+def _member(image: ImageSource, name: str) -> object:
+    """Return a member of the text of an image; None where it has none, or one that cannot be read."""
     text = image.text()
     try:
         read_options(text)
     except ValueError:
         return None
-    count = json.loads(text).get(_TRIANGLES)
-    return count if isinstance(count, int) else None
+    return json.loads(text).get(name)
 
 
 def _json(document: object) -> str:

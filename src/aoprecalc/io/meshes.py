@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
-from aoprecalc.io.baked_options import baked_options, baked_triangles
+from aoprecalc.io.baked_options import baked_options, baked_triangles, occlusion_values
 from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, as_packed, is_archive
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
@@ -181,6 +181,7 @@ def write_baked_mesh(
     *,
     pack: Pack = "none",
     options: ValueOptions | None = None,
+    strength: float = 1.0,
 ) -> WrittenMesh:
     """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension.
 
@@ -189,6 +190,7 @@ def write_baked_mesh(
     texture_path   the baked texture, already written: to `outputs`, or as a file
     pack           "orm": glTF stores it in one image with roughness and metalness where these use the same UVs
     options        those that define the value, which glTF keeps beside the texture
+    strength       of the occlusion, 0 to 1, which glTF states
 
     A glTF source stays as it is except for the occlusion texture; OBJ and PLY refer to the texture by map_Kd or map_Ka
     and by a TextureFile comment. A GLB embeds the texture.
@@ -197,7 +199,7 @@ def write_baked_mesh(
     """
     check_mesh_extension(mesh_path, pack)
     path = Path(mesh_path)
-    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options)
+    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options, strength)
     try:
         format_of(path).check_source(path, scene)
         written = format_of(path).write_with_ao(outputs, path, mesh)
@@ -262,6 +264,7 @@ class OcclusionTexture:
     options   those that defined the values when they were baked; None where the files do not say
     others    names of the textures that other faces have
     triangles   how many the mesh had for which it was baked; None where the texture does not say
+    strengths   (f,) float32 in [0, 1]: viewers show 1 + strength * (AO - 1); None: 1 everywhere
     """
 
     name: str
@@ -273,6 +276,7 @@ class OcclusionTexture:
     options: ValueOptions | None = None
     others: tuple[str, ...] = ()
     triangles: int | None = None
+    strengths: Float32Array | None = None
 
 
 # How badly a texture fits: from the faces that show it, and the options of its bake.
@@ -367,8 +371,7 @@ class _Stated:
 
     def read(self, image: ImageSource) -> OcclusionTexture:
         """Read an image; raises InputError where it cannot be used."""
-        warnings = dict.fromkeys(part.note for part in self.parts if part.note and part.image == image)
-        values, shown = image.first_channel(), self.shown_by(image)
+        values, shown = occlusion_values(image), self.shown_by(image)
         if not np.isfinite(values).all():
             raise InputError(f"{image.name}: holds values that are not finite, 0 to 1 were expected; bake it again")
         options, damage = self.options_of(image)
@@ -379,10 +382,11 @@ class _Stated:
             values,
             self.uvs,
             shown,
-            (*warnings, *damage),
+            damage,
             options,
             others,
             baked_triangles(image),
+            np.repeat([part.strength for part in self.parts], self.sizes).astype(np.float32),
         )
 
 

@@ -214,6 +214,13 @@ class BakeOptions(_TextureSize, ValueOptions):
     pack: Annotated[Pack, _texture(
         "orm: put occlusion into one picture with glTF's roughness and metalness.",
         more="This needs materials that have these on the same UVs.")] = "none"
+    strength: Annotated[float, _texture(
+        "Strength that a glTF gives its occlusion: viewers show 1 + X (AO - 1).", range=(0, 1), metavar="X",
+        more="The texture stays as it is. Other formats have no strength, as a warning says.")] = 1
+    invert: Annotated[bool, _texture(
+        "Write the occlusion 1 - AO, 0 where it is open, as the picture.",
+        more="The picture says so: every command reads it back as AO. The mesh gets a picture of the AO itself, "
+        "inside it or beside it as `<name>_open.png`, since this is what its format means by occlusion.")] = False
     size: InitVar[Annotated[int | tuple[int, int] | Literal["auto"] | None, _texture(
         "Size of the texture in texels: one number for a square, width and height, or auto.", range=(1, _MAX_SIZE),
         unit="texels", quantity=TEXTURE_SIZE,

@@ -165,6 +165,8 @@ def shade(
         uvs = mesh.source.uvs[faces]
         level = _texture_level(uvs, mesh.source.ao.shape, projected)
         occlusion = _trilinear(mesh.mips, _interpolate(uvs, local, weights), level[local])
+        if mesh.source.strengths is not None:
+            occlusion = 1 + mesh.source.strengths[faces][local] * (occlusion - 1)
         occlusion[~mesh.source.textured[faces][local]] = 1
         ambient *= occlusion[:, None]
         key *= self_shadow(occlusion, normals @ np.array(light.direction, np.float32))[:, None]

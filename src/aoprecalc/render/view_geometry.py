@@ -66,11 +66,13 @@ class Surface:
     """What triangles of one kind look like.
 
     textured   the ambient-occlusion texture covers them
+    strength   of that: 1 + strength * (AO - 1) is drawn
     color      (r, g, b), linear, in [0, 1]: the factor of their base colour; None where the mesh has no base colours
     texture    index of their base texture in `ViewGeometry.base_textures`; None without one
     """
 
     textured: bool
+    strength: float
     color: tuple[float, float, float] | None
     texture: int | None
 
@@ -182,6 +184,7 @@ def _surfaces(mesh: TexturedMesh) -> tuple[tuple[Surface, ...], Int32Array, list
     textures: list[UInt8Array] = []
     found: dict[Surface, int] = {}
     surface_of_face = np.empty(len(mesh.scene.faces), np.int32)
+    strengths = np.ones(len(surface_of_face)) if mesh.strengths is None else mesh.strengths
     for index, part in enumerate(mesh.scene.parts):
         color, texture = None, None
         if mesh.base_colors:
@@ -191,11 +194,11 @@ def _surfaces(mesh: TexturedMesh) -> tuple[tuple[Surface, ...], Int32Array, list
                 same = [known for known, other in enumerate(textures) if other is base.texture]
                 texture = same[0] if same else len(textures)
                 textures += [] if same else [base.texture]
-        for textured in (True, False):
-            chosen = mesh.textured[part.faces] == textured
-            if chosen.any():
-                number = found.setdefault(Surface(textured, color, texture), len(found))
-                surface_of_face[part.faces][chosen] = number
+        kinds = np.column_stack([mesh.textured[part.faces], strengths[part.faces]])
+        for textured, strength in np.unique(kinds, axis=0)[::-1].tolist():
+            surface = Surface(bool(textured), strength, color, texture)
+            chosen = (kinds == (textured, strength)).all(axis=1)
+            surface_of_face[part.faces][chosen] = found.setdefault(surface, len(found))
     return tuple(found), surface_of_face, textures
 
 

@@ -41,6 +41,7 @@ class MeshWithAo:
     texture   the path of the baked texture, already written
     pack      "orm": glTF stores occlusion in one image with roughness and metalness where these use the same UVs
     options   those that define the value, to be written beside it; None for none
+    strength  of the occlusion, 0 to 1, where the format has one
     """
 
     scene: Scene
@@ -49,6 +50,7 @@ class MeshWithAo:
     texture: Path
     pack: Pack = "none"
     options: ValueOptions | None = None
+    strength: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,14 @@ class TextureReference:
     uvs         as the format calls them: TEXCOORD_1, vt, s and t
     materials   how many refer to it so; None for a format without materials
     packed      the texture also holds their roughness and metalness
+    strength    of the occlusion; None where the slot has none
     """
 
     slot: str
     uvs: str
     materials: int | None = None
     packed: bool = False
+    strength: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,16 +86,16 @@ class PartOcclusion:
     image   None where the part has no occlusion texture
     uvs     (n, 3, 2) float64 at the part's corners, v upwards: those of the texture, else the first UV set; None where
             the part has no UVs
-    note    a warning for the user; empty if none
     extras  what the mesh's file says of the options of the bake, as JSON; None if nothing
     stated  the file says that it is occlusion; else it may be a picture of colours
+    strength  0 to 1: viewers show 1 + strength * (AO - 1)
     """
 
     image: ImageSource | None
     uvs: Float64Array | None
-    note: str = ""
     extras: object = None
     stated: bool = True
+    strength: float = 1.0
 
 
 class MeshFormat(ABC):
@@ -104,6 +108,7 @@ class MeshFormat(ABC):
     one_uv_set     the format holds one UV set; a baked one replaces those of the file
     alpha          the format holds transparency and alpha masks
     holds_options  the file says how its texture was baked, even where the texture does not
+    has_strength   the file says how strong its occlusion is
     """
 
     name: ClassVar[str]
@@ -113,6 +118,7 @@ class MeshFormat(ABC):
     one_uv_set: ClassVar[bool] = True
     alpha: ClassVar[bool] = False
     holds_options: ClassVar[bool] = False
+    has_strength: ClassVar[bool] = False
 
     @abstractmethod
     def sniff(self, data: bytes) -> bool:

@@ -17,8 +17,6 @@ from pathlib import Path, PurePosixPath
 from typing import Self
 from urllib.parse import unquote
 
-import numpy as np
-
 from aoprecalc.errors import InputError
 from aoprecalc.io.images import (
     channel_count,
@@ -265,10 +263,6 @@ class ImageSource:
         if channel == "alpha" and self.path is not None and channel_count(self.path) in (1, 3):
             return None
         return opacity_of(self.pixels(), channel)
-
-    def first_channel(self) -> Float32Array:
-        """Return the first channel, (height, width) float32; raises InputError where the image cannot be read."""
-        return np.ascontiguousarray(self.pixels()[:, :, 0])
 
     def colors(self) -> UInt8Array:
         """Return the colours as stored, (height, width, 3) uint8; raises InputError where it cannot be read."""

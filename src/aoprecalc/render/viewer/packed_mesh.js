@@ -80,6 +80,7 @@ var AoView = { THREE_REVISION: THREE.REVISION };
     add("baseUv", 2, interleaved(columns.u1 || zeros, columns.v1 || zeros));
     const surface = Array.from(columns.surface, (number) => packed.surfaces[Math.round(number)]);
     add("textured", 1, Float32Array.from(surface, ({ textured }) => (textured ? 1 : 0)));
+    add("strength", 1, Float32Array.from(surface, ({ textured, strength }) => (textured ? strength : 0)));
     add("base", 3, Float32Array.from(surface.flatMap(({ color }) => color || AoView.CLAY)));
     geometry.setIndex(new THREE.BufferAttribute(index, 1));
 

@@ -58,11 +58,11 @@
 
   const VERTEX_SHADER = `
     attribute vec2 baseUv;
-    attribute float textured;
+    attribute float textured, strength;
     attribute vec3 base;
     varying vec3 vNormal, vBase;
     varying vec2 vUv, vBaseUv;
-    varying float vTextured;
+    varying float vTextured, vStrength;
 
     void main() {
       vec4 place = vec4(position, 1.0);
@@ -73,6 +73,7 @@
       vUv = uv;
       vBaseUv = baseUv;
       vTextured = textured;
+      vStrength = strength;
       vBase = base;
       gl_Position = projectionMatrix * modelViewMatrix * place;
     }`;
@@ -84,7 +85,7 @@
     uniform float opacity;
     varying vec3 vNormal, vBase;
     varying vec2 vUv, vBaseUv;
-    varying float vTextured;
+    varying float vTextured, vStrength;
     ${LIGHT}
 
     void main() {
@@ -96,7 +97,7 @@
       vec3 ambient = mix(BOUNCE, SKY, 0.5 + 0.5 * n.y);
       float direct = cosine > WRAP ? cosine : edge * edge / (4.0 * WRAP);
       #ifdef HAS_OCCLUSION
-        float open = mix(1.0, texture2D(occlusion, vUv).r, vTextured);
+        float open = mix(1.0, texture2D(occlusion, vUv).r, vStrength);
         ambient *= open;
         direct *= pow(open, 3.0 - 2.0 * max(cosine, 0.0));
       #endif

@@ -23,7 +23,7 @@ class GltfFormat(MeshFormat):
 
     name = "glTF"
     extensions = (".gltf", ".glb", ".vrm")
-    writes = packs_orm = alpha = holds_options = True
+    writes = packs_orm = alpha = holds_options = has_strength = True
     one_uv_set = False
 
     def sniff(self, data: bytes) -> bool:

@@ -33,10 +33,13 @@ POINTER = "KHR_animation_pointer"
 PrimitiveKey = tuple[int, int]  # (mesh, primitive)
 
 
-def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tuple[dict[int, int], tuple[str, ...]]:
+def own_materials(
+    document: Json, texcoords: Mapping[PrimitiveKey, int], strength: float
+) -> tuple[dict[int, int], tuple[str, ...]]:
     """Give primitives materials that may get an occlusion texture.
 
     texcoords   (mesh, primitive) -> the n of the TEXCOORD_n for its occlusion texture
+    strength    that it will have
 
     A material that other primitives use unchanged, or with another TEXCOORD_n, is copied; a primitive without material
     gets one. So do its variants, and the coarser levels of detail of each. Unlit materials stay as they are. Returns
@@ -73,8 +76,8 @@ def own_materials(document: Json, texcoords: Mapping[PrimitiveKey, int]) -> tupl
     follow_copies(document, "materials", [(key[0], new) for key, new in made.items() if key[0] is not None])
     _describe_copies(document, made)
     still = _stop_animations(document, [f"/materials/{index}/occlusionTexture/extensions/" for index in made.values()])
-    strengths = sorted({_strength(materials[index]) for index, _ in made if index is not None} - {1.0})
-    were = f"; their strength is 1, it was {', '.join(f'{strength:g}' for strength in strengths)}" if strengths else ""
+    others = sorted({_strength(materials[index]) for index, _ in made if index is not None} - {strength})
+    were = f"; their strength is {strength:g}, it was {', '.join(f'{other:g}' for other in others)}" if others else ""
     note = f"the occlusion textures of {counted(replaced, 'material')} were replaced{were}"
     return {made[key]: key[1] for key in made}, (*([Note(note)] if replaced else []), *still)
 
@@ -97,6 +100,7 @@ def assign_textures(
     textures: Mapping[int, int],
     packed: Collection[int],
     extras: Mapping[int, Any],
+    strength: float,
 ) -> None:
     """Give materials their occlusion textures.
 
@@ -104,11 +108,12 @@ def assign_textures(
     textures    index of a material -> index of its texture
     packed      the materials whose texture has roughness and metalness as well
     extras      index of a material -> the `extras` of its occlusionTexture
+    strength    of their occlusionTextures
     """
     for index, texcoord in texcoords.items():
         material = document["materials"][index]
         # Replaced as a whole: a KHR_texture_transform of an earlier texture could override texCoord.
-        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": 1.0}
+        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": float(strength)}
         if index in extras:
             material["occlusionTexture"]["extras"] = extras[index]
         if index in packed:
@@ -313,10 +318,14 @@ def gltf_occlusion(document: GltfDocument, part: Part) -> PartOcclusion:
     if info is None:
         return PartOcclusion(None, _uvs(document, part, primitive, TextureUse(0, 0)))
     use, strength = TextureUse.of(info), _strength(material)
-    note = f"the occlusion texture has a strength of {strength:g}, which is not applied" if strength != 1 else ""
     extras = info.get("extras")
     said = extras.get(EXTRAS) if isinstance(extras, dict) else None
-    return PartOcclusion(texture_image(document, use.index), _uvs(document, part, primitive, use), note, said)
+    return PartOcclusion(
+        texture_image(document, use.index),
+        _uvs(document, part, primitive, use),
+        said,
+        strength=float(strength) if 0 <= strength <= 1 else 1.0,
+    )
 
 
 def _uvs(document: GltfDocument, part: Part, primitive: Json, use: TextureUse) -> Float64Array | None:

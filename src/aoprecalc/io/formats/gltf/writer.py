@@ -176,7 +176,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     else:
         document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals)
         messages += source_frame(scene)
-    materials, notes = own_materials(document, texcoords)
+    materials, notes = own_materials(document, texcoords, mesh.strength)
     messages += notes
     if isinstance(scene.document, GltfDocument):
         messages += _numbers_told(scene.document.json, document)
@@ -206,10 +206,10 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         textures = dict.fromkeys(materials, number) | textures
         if is_new:
             shown = show_texture(document, materials, number)
-    assign_textures(document, materials, textures, packed, extras)
+    assign_textures(document, materials, textures, packed, extras, mesh.strength)
     compact(document)
     messages += _write(outputs, path, document, buffer.data)
-    return WrittenMesh(_references(materials, shown, packed), tuple(messages))
+    return WrittenMesh(_references(materials, shown, packed, mesh.strength), tuple(messages))
 
 
 def _numbers_told(before: Json, after: Json) -> Iterator[str]:
@@ -223,13 +223,15 @@ def _numbers_told(before: Json, after: Json) -> Iterator[str]:
 
 
 def _references(
-    materials: Mapping[int, int], shown: Mapping[int, int], packed: Mapping[int, OrmImage]
+    materials: Mapping[int, int], shown: Mapping[int, int], packed: Mapping[int, OrmImage], strength: float
 ) -> tuple[TextureReference, ...]:
     """Count the materials that refer to the texture; the maps are from their indices to the n of their TEXCOORD_n."""
     uses = Counter(("occlusionTexture", texcoord, index in packed) for index, texcoord in materials.items())
     uses.update(("baseColorTexture", texcoord, False) for texcoord in shown.values())
     return tuple(
-        TextureReference(slot, f"TEXCOORD_{texcoord}", count, is_packed)
+        TextureReference(
+            slot, f"TEXCOORD_{texcoord}", count, is_packed, float(strength) if slot == "occlusionTexture" else None
+        )
         for (slot, texcoord, is_packed), count in uses.items()
     )
 

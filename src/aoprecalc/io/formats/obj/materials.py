@@ -111,7 +111,8 @@ class MtlMaterial(SourceMaterial):
 
         corners   the colours of the vertices
         """
-        is_occlusion = self.texture is not None and same_file(self.texture.path, occlusion)
+        file = None if self.texture is None else self.texture.path
+        is_occlusion = file is not None and (same_file(file, occlusion) or is_baked(file))
         return base_color(self, None if is_occlusion else uvs, images, corners)
 
 
