@@ -287,9 +287,8 @@ class DarkTexels:
 class Baked:
     """The result of a bake.
 
-    scene           the scene, with the roles of its parts
-    texture, atlas  the finished texture, and its UVs
-    normals         (f, 3, 3) float32: the shading normals that were used
+    scene           the scene, with the roles of its parts; texture, atlas: the finished texture and its UVs
+    normals         (f, 3, 3) float32: the shading normals that were used; vertex_ao: (f, 3) AO of vertices, if asked
     directions      number of light directions that were used
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
     dark            its texels that get no light, and why
@@ -313,6 +312,7 @@ class Baked:
     options: ValueOptions
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    vertex_ao: Float32Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,12 +45,16 @@ class BakeResult:
         The `Mesh` with the UVs (F, 3, 2) of the texture and the normals (F, 3, 3) that were used.
     report : BakeReport
         What was chosen and measured.
+    vertex_ao : ndarray, (F, 3) float32, or None
+        Ambient occlusion in [0, 1] at the corners of the faces, equal at corners of one position and shading normal:
+        the values whose interpolation over the faces is nearest to the texture. None without the option `vertex_ao`.
     """
 
     ao: Float32Array = field(repr=False)
     valid: BoolArray = field(repr=False)
     mesh: BakedMesh
     report: BakeReport
+    vertex_ao: Float32Array | None = field(repr=False)
     _baked: Baked = field(repr=False)
     _options: BakeOptions = field(repr=False)
 
@@ -251,7 +255,7 @@ def bake(
     tell(progress, messages)
     ao = baked.texture.values
     textured = BakedMesh.of(mesh, baked, output_uvs(baked.scene, baked.atlas))
-    return BakeResult(ao, baked.texture.valid, textured, report, baked, options)
+    return BakeResult(ao, baked.texture.valid, textured, report, baked.vertex_ao, baked, options)
 
 
 # From file to files, as the command line and the batch do it.

@@ -20,6 +20,7 @@ from aoprecalc.io import (
     write_image,
 )
 from aoprecalc.io.baked_options import bake_text
+from aoprecalc.io.formats.base import VertexOcclusion
 from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, read_text
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
@@ -124,6 +125,8 @@ class BakePlan:
             return
         try:
             claim_output(outputs, self.mesh_given, self._mesh_path(output_mesh_extension(scene)[0]))
+        except ArgumentError:
+            raise
         except UsageError as error:
             raise UsageError(f"{error} (it is the mesh beside {self.texture.path}; see --mesh-output)") from error
 
@@ -138,6 +141,8 @@ class BakePlan:
         written = texture if self.texture is None else outputs.path(texture)
         self._write_picture(written, baked, self.options.bit_depth, inverted=self.options.invert)
         shown = self._write_upright(outputs, mesh, baked, scratch) if self.options.invert else texture
+        values, as_color = baked.vertex_ao, self.options.vertex_ao == "color"
+        vertices = None if values is None else VertexOcclusion(values, as_color)
         made = write_baked_mesh(
             outputs,
             mesh,
@@ -148,6 +153,7 @@ class BakePlan:
             pack=self.options.pack,
             options=baked.options,
             strength=self.options.strength,
+            vertices=vertices,
         )
         messages = (*made.messages, *_notes_on_options(texture, mesh, baked.options))
         messages += _warnings_on_strength(mesh, self.options.strength)
@@ -180,7 +186,7 @@ class BakePlan:
         """Return the path of a mesh whose name is not given: that of the texture, with another extension."""
         assert self.texture is not None  # a mesh that was asked for has a name
         path = output_path(self.mesh_given, self.texture.path.parent / f"{self.stem}{suffix}", "mesh_output")
-        check_mesh_extension(path, self.options.pack)
+        check_mesh_extension(path, self.options.pack, self.options.vertex_ao)
         return path
 
 
@@ -251,7 +257,7 @@ def plan_bake(
             "output",
         )
     if mesh is not None:
-        check_mesh_extension(mesh.path, options.pack)
+        check_mesh_extension(mesh.path, options.pack, options.vertex_ao)
     elif mesh_output is not None:
         mesh = _given_mesh(mesh_output, options)
     texture = images[0] if images else None
@@ -278,7 +284,7 @@ def _given_mesh(wanted: Output, options: BakeOptions) -> _File | None:
     path = output_path(wanted, "mesh", "mesh_output")
     if path.name == "mesh" and path != Path(wanted):
         return None
-    check_mesh_extension(path, options.pack)
+    check_mesh_extension(path, options.pack, options.vertex_ao)
     return _File(path, wanted)
 
 

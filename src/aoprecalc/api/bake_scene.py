@@ -20,8 +20,10 @@ from aoprecalc.api.reports import (
     TexelCounts,
     Unwrapping,
     UvSetCheck,
+    VertexFit,
 )
 from aoprecalc.api.texture_size import choose_texture, resolution_target
+from aoprecalc.api.vertex_ao import VertexErrors, fit_to_texture, vertex_errors
 from aoprecalc.errors import InputError, UsageError, counted
 from aoprecalc.mesh.roles import assign_roles, up_axis
 from aoprecalc.mesh.surface import default_crease_angle, shading_normals
@@ -122,6 +124,9 @@ def bake_scene(
         size_estimates=chosen.estimates,
         options=_value_options(scene, options),
     )
+    if options.vertex_ao != "none":
+        with timer.stage("vertices"):
+            baked = replace(baked, vertex_ao=fit_to_texture(baked))
     coarse = [] if maps is None else [maps.warning(shadow_size)]
     messages = [*chosen.warnings, *filter(None, coarse), *messages_on(baked, options, overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
@@ -214,6 +219,7 @@ def bake_report(
         ),
         dark=_dark_texel_shares(baked.dark),
         verify=None if verified is None else RayTracedErrors.of(verified),
+        vertex_ao=_vertex_fit(vertex_errors(baked, verified)),
         seconds=seconds,
         warnings=warnings_of(messages),
         notes=notes_of(messages),
@@ -235,6 +241,13 @@ def _dark_texel_shares(dark: DarkTexels) -> DarkTexelShares | None:
     shares = {name: round(getattr(dark, name), 6) for name in names}
     parts = tuple(DarkPartShares(part.name, round(part.inside, 6), round(part.inwards, 6)) for part in dark.parts)
     return DarkTexelShares(**shares, parts=parts, samples=dark.samples)
+
+
+def _vertex_fit(errors: VertexErrors | None) -> VertexFit | None:
+    if errors is None:
+        return None
+    traced = None if errors.traced is None else round(errors.traced, 6)
+    return VertexFit(errors.vertices, round(errors.rmse, 6), traced)
 
 
 def _part_roles(part: Part) -> PartRoles:

@@ -287,6 +287,19 @@ class OcclusionStatistics(Report):
 
 
 @dataclass(frozen=True)
+class VertexFit(Report):
+    """Ambient occlusion at the vertices, interpolated over the faces.
+
+    vertices            positions with one shading normal: each has a value
+    rmse, traced_rmse   root mean square of the difference from the texture, and from rays (None without any)
+    """
+
+    vertices: int
+    rmse: float
+    traced_rmse: float | None
+
+
+@dataclass(frozen=True)
 class DarkPartShares(Report):
     """A part of which at least half is enclosed, or faces inwards: shares of its own texels, 0 to 1."""
 
@@ -349,8 +362,9 @@ class BakeReport(Document):
     dark : DarkTexelShares or None
         What keeps the light from the dark texels; None where less than 1% is dark.
     verify : RayTracedErrors or None
+    vertex_ao : VertexFit or None
     seconds : dict of str to float
-        Per stage (load, unwrap, visibility, finish, write, verify), and ``"total"``.
+        Per stage (load, unwrap, visibility, finish, vertices, write, verify), and ``"total"``.
     warnings : tuple of str
         What may need an action.
     notes : tuple of str
@@ -375,6 +389,7 @@ class BakeReport(Document):
     ao: OcclusionStatistics
     dark: DarkTexelShares | None
     verify: RayTracedErrors | None
+    vertex_ao: VertexFit | None
     seconds: dict[str, float]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]

@@ -252,6 +252,7 @@ def measure_texture(
         rays=stratified_ray_count(options.rays),
         uvs=uvs,
         errors=values - expected,
+        reference=expected,
     )
 
 

@@ -87,6 +87,9 @@ def bake(mesh: str, **given: Any) -> None:
     if report.verify is not None:
         error = report.verify.levels[0]
         say(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
+    if report.vertex_ao is not None:
+        fit = report.vertex_ao
+        say(f"AO at {counted(fit.vertices, 'vertex', 'vertices')}: RMS difference from the texture {fit.rmse:.4f}")
     others = "".join(f" + {name}" for name in report.outputs.others)
     say(f"{files.mesh}{others}  {counted(report.input.triangles, 'triangle')}")
     say(_where(report))

@@ -15,7 +15,7 @@ import numpy as np
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.baked_options import baked_options, baked_triangles, occlusion_values
 from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, as_packed, is_archive
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, VertexOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.collada import ColladaFormat
 from aoprecalc.io.formats.fbx import FbxFormat
@@ -27,7 +27,7 @@ from aoprecalc.io.formats.ply import PlyFormat
 from aoprecalc.io.formats.recognition import foreign_file, unreadable_file
 from aoprecalc.io.formats.usd import UsdFormat
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.options import Pack, ValueOptions
+from aoprecalc.options import Pack, ValueOptions, VertexAo
 from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Scene
 
 _UNPACKED: tuple[MeshFormat, ...] = (
@@ -158,17 +158,19 @@ def output_mesh_extension(scene: Scene, atlas: Atlas | None = None) -> tuple[str
     return _scene_format(scene).output_extension(scene, atlas)
 
 
-def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none") -> None:
-    """Raise UsageError unless a mesh with UVs, packed as asked for, can be written under that name."""
+def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none", vertex_ao: VertexAo = "none") -> None:
+    """Raise UsageError unless a mesh with UVs, packed and with values as asked for, can be written under that name."""
     suffix = Path(path).suffix.lower()
     if suffix not in OUTPUT_MESH_EXTENSIONS:
         known = ", ".join(OUTPUT_MESH_EXTENSIONS)
         found = f"the extension {suffix or '(none)'} is not that of a mesh with UVs"
         raise UsageError(f"{path}: {found}, one of {known} was expected; choose one of these")
     if pack == "orm" and not _BY_EXTENSION[suffix].packs_orm:
-        raise ArgumentError(
-            "pack", f"is orm, which needs .gltf or .glb, but the mesh is {path}; omit it, or write one of these"
-        )
+        found = f"is orm, which needs .gltf or .glb, but the mesh is {path}"
+        raise ArgumentError("pack", f"{found}; omit it, or write one of these")
+    if vertex_ao != "none" and not _BY_EXTENSION[suffix].holds_vertex_ao:
+        found = f"is {vertex_ao}, which needs .gltf, .glb or .ply, but the mesh is {path}"
+        raise ArgumentError("vertex_ao", f"{found}; omit it, or write one of these")
 
 
 def write_baked_mesh(
@@ -182,15 +184,13 @@ def write_baked_mesh(
     pack: Pack = "none",
     options: ValueOptions | None = None,
     strength: float = 1.0,
+    vertices: VertexOcclusion | None = None,
 ) -> WrittenMesh:
     """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension.
 
     outputs        receives all files: the mesh and what belongs to it (.mtl, .bin, copies of images)
-    normals        (f, 3, 3) float32, unit length: the shading normals that were used
     texture_path   the baked texture, already written: to `outputs`, or as a file
-    pack           "orm": glTF stores it in one image with roughness and metalness where these use the same UVs
-    options        those that define the value, which glTF keeps beside the texture
-    strength       of the occlusion, 0 to 1, which glTF states
+    normals, pack, options, strength, vertices   see `MeshWithAo`
 
     A glTF source stays as it is except for the occlusion texture; OBJ and PLY refer to the texture by map_Kd or map_Ka
     and by a TextureFile comment. A GLB embeds the texture.
@@ -199,7 +199,7 @@ def write_baked_mesh(
     """
     check_mesh_extension(mesh_path, pack)
     path = Path(mesh_path)
-    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options, strength)
+    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options, strength, vertices)
     try:
         format_of(path).check_source(path, scene)
         written = format_of(path).write_with_ao(outputs, path, mesh)

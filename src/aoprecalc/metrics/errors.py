@@ -69,6 +69,7 @@ class TextureErrors:
     rays     cast from each point
     uvs      (k, 2) float64: of the points, v upwards
     errors   (k,) float64: texture - reference at the points, at full resolution
+    reference   (k,) float64: ambient occlusion at the points, by rays
     """
 
     levels: tuple[ErrorStatistics, ...]
@@ -76,6 +77,7 @@ class TextureErrors:
     rays: int
     uvs: Float64Array
     errors: Float64Array
+    reference: Float64Array
 
     @property
     def points(self) -> int:

@@ -25,6 +25,7 @@ from aoprecalc.options.bake import (  # fmt: skip
     Up,
     ValueOptions,
     VerifyOptions,
+    VertexAo,
     Weight,
 )
 from aoprecalc.options.others import (  # fmt: skip
@@ -74,6 +75,7 @@ __all__ = [
     "Up",
     "ValueOptions",
     "VerifyOptions",
+    "VertexAo",
     "Weight",
     "listed",
     "names_extensions",

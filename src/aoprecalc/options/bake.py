@@ -27,6 +27,7 @@ Normals = Literal["auto", "file", "smooth", "flat"]
 BitDepth = Literal["auto", "8", "16", "half", "float"]
 Instances = Literal["bake", "share"]
 Pack = Literal["none", "orm"]
+VertexAo = Literal["none", "attribute", "color"]
 Up = Literal["auto", "x", "y", "z"]
 Falloff = Literal["none", "linear", "smooth"]
 Weight = Literal["cosine", "uniform"]
@@ -44,6 +45,7 @@ _run = partial(Option, group="Run")
 _scene = partial(Option, group="Scene")
 _texture = partial(Option, group="Texture")
 _measurement = partial(Option, group="Measurement")
+_output = partial(Option, group="Output")
 
 # fmt: off
 # One paragraph an option: its type, help, range, what the documentation adds, and its default.
@@ -221,6 +223,10 @@ class BakeOptions(_TextureSize, ValueOptions):
         "Write the occlusion 1 - AO, 0 where it is open, as the picture.",
         more="The picture says so: every command reads it back as AO. The mesh gets a picture of the AO itself, "
         "inside it or beside it as `<name>_open.png`, since this is what its format means by occlusion.")] = False
+    vertex_ao: Annotated[VertexAo, _output(
+        "Write the AO at the vertices as well: as an attribute (glTF: _AO, PLY: ao), or as color (glTF: COLOR_0).",
+        more="It is that whose interpolation over the faces is nearest to the texture, by least squares. PLY has ao "
+        "either way; other formats hold neither.")] = "none"
     size: InitVar[Annotated[int | tuple[int, int] | Literal["auto"] | None, _texture(
         "Size of the texture in texels: one number for a square, width and height, or auto.", range=(1, _MAX_SIZE),
         unit="texels", quantity=TEXTURE_SIZE,

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,18 @@ from aoprecalc.types import (
 
 
 @dataclass(frozen=True, eq=False)
+class VertexOcclusion:
+    """Ambient occlusion at vertices.
+
+    corners    (f, 3) float32 in [0, 1], equal at one vertex
+    as_color   it is to be the colour of the vertices, where they have none
+    """
+
+    corners: Float32Array
+    as_color: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class MeshWithAo:
     """A scene with the results of its bake, to be written as a mesh file.
 
@@ -42,6 +54,7 @@ class MeshWithAo:
     pack      "orm": glTF stores occlusion in one image with roughness and metalness where these use the same UVs
     options   those that define the value, to be written beside it; None for none
     strength  of the occlusion, 0 to 1, where the format has one
+    vertices  the values at the vertices; None: they are not to be written
     """
 
     scene: Scene
@@ -51,6 +64,7 @@ class MeshWithAo:
     pack: Pack = "none"
     options: ValueOptions | None = None
     strength: float = 1.0
+    vertices: VertexOcclusion | None = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +123,7 @@ class MeshFormat(ABC):
     alpha          the format holds transparency and alpha masks
     holds_options  the file says how its texture was baked, even where the texture does not
     has_strength   the file says how strong its occlusion is
+    holds_vertex_ao   the vertices can have the values of a bake
     """
 
     name: ClassVar[str]
@@ -119,6 +134,7 @@ class MeshFormat(ABC):
     alpha: ClassVar[bool] = False
     holds_options: ClassVar[bool] = False
     has_strength: ClassVar[bool] = False
+    holds_vertex_ao: ClassVar[bool] = False
 
     @abstractmethod
     def sniff(self, data: bytes) -> bool:
@@ -193,6 +209,8 @@ class MeshFormat(ABC):
             lost.append(f"{path}: the colours of the vertices of {source} are left out; {advice} them")
         return tuple(lost)
 
+
+Values = TypeVar("Values", Float32Array, Float64Array)
 
 # What a format can use of a file of another format.
 
@@ -345,11 +363,16 @@ def output_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
 
     They are (0, 0) on parts that are not baked.
     """
-    uvs = np.where(scene.receives[:, None, None], atlas.uvs, 0.0)
+    return shared_by_owners(scene, np.where(scene.receives[:, None, None], atlas.uvs, 0.0))
+
+
+def shared_by_owners(scene: Scene, corners: Values) -> Values:
+    """Return (f, 3, c) values at corners in which parts that share a UV region have those of the part that owns it."""
+    result = corners.copy()
     for part in scene.parts:
         if part.receives and part.uv_owner is not None:
             owner = scene.parts[part.uv_owner]
             mirrored = (part.vertices != owner.vertices).any(axis=1)
-            shared = atlas.uvs[owner.faces]
-            uvs[part.faces] = np.where(mirrored[:, None, None], shared[:, REVERSED_WINDING], shared)
-    return uvs
+            shared = corners[owner.faces]
+            result[part.faces] = np.where(mirrored[:, None, None], shared[:, REVERSED_WINDING], shared)
+    return result

@@ -196,13 +196,13 @@ def _strips(tables: dict[str, Table]) -> NDArray[np.int64]:
 Columns = dict[str, NDArray[Any]]
 
 _TYPE_NAMES = {code: name for name, code in TYPES.items() if not name[-1].isdigit()}
-_UVS = ("s", "t")
+_UVS, _OCCLUSION = ("s", "t"), ("ao",)
 _TEXTURE_NUMBER = "texnumber"  # the texture of each face, of several; the output has one
 _MAX_UCHAR_COUNT = 255  # the longest list whose count is a uchar
 
 
 def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...]:
-    """Write a PLY whose vertices are split where UVs or normals differ.
+    """Write a PLY whose vertices are split where UVs, normals or values differ.
 
     Everything else of a PLY source is kept: the vertices in their order (those that a split adds come after them), the
     properties of vertices and faces, other elements, comments. A polygon is cut into
@@ -210,7 +210,8 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
     note says. A `comment TextureFile` names the texture, as in MeshLab's files; where UVs were kept it comes after
     those of the source, which programs show, as faces have the first unless they say otherwise.
     """
-    scene, atlas, normals = mesh.scene, mesh.atlas, mesh.normals
+    scene, atlas = mesh.scene, mesh.atlas
+    new_values: dict[tuple[str, ...], Float32Array] = {VERTEX_NORMALS: mesh.normals}
     if isinstance(scene.document, PlyDocument):
         document, origins = scene.document, np.concatenate([part.vertices for part in scene.parts])
     else:
@@ -218,14 +219,17 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
     uvs = output_uvs(scene, atlas).astype(np.float32)
     new = np.full(len(uvs), atlas.uv_set is None)
     mapping = NewUvs(scene.corners, uvs, new)
-    faces = document.polygons.merge_triangles([uvs, normals], decisive=atlas.mapped | ~new, mapping=mapping)
+    faces = document.polygons.merge_triangles([uvs, mesh.normals], decisive=atlas.mapped | ~new, mapping=mapping)
 
-    at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in (normals, uvs)]
+    new_values |= {_UVS: uvs}
+    if mesh.vertices is not None:
+        new_values |= {_OCCLUSION: mesh.vertices.corners[:, :, None]}
+    at_corners = [values.reshape(-1, values.shape[2])[faces.corners] for values in new_values.values()]
     count = len(document.vertices["x"])
     vertices, first, origin = _split(origins.reshape(-1)[faces.corners], count, *at_corners)
     old_uvs = set(uv_names(document.vertices)) - {*_UVS}
     columns = {name: values[origin] for name, values in document.vertices.items() if name not in old_uvs}
-    for names, values in zip((VERTEX_NORMALS, _UVS), at_corners, strict=True):
+    for names, values in zip(new_values, at_corners, strict=True):
         for name, column in zip(names, values.T, strict=True):
             old = columns.get(name, np.zeros(len(origin))).astype(np.float32)
             columns[name] = np.where(first >= 0, column[first], old)
@@ -309,7 +313,7 @@ class PlyFormat(MeshFormat):
 
     name = "PLY"
     extensions = (".ply",)
-    writes = True
+    writes = holds_vertex_ao = True
 
     def sniff(self, data: bytes) -> bool:
         """Tell whether it begins with a PLY header."""

@@ -23,7 +23,7 @@ class GltfFormat(MeshFormat):
 
     name = "glTF"
     extensions = (".gltf", ".glb", ".vrm")
-    writes = packs_orm = alpha = holds_options = has_strength = True
+    writes = packs_orm = alpha = holds_options = has_strength = holds_vertex_ao = True
     one_uv_set = False
 
     def sniff(self, data: bytes) -> bool:

@@ -3,12 +3,14 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
 from itertools import chain, count, repeat
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
+from aoprecalc.io.formats.base import VertexOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, raw_values, view_bytes
 from aoprecalc.io.formats.gltf.materials import PORTABLE_UV_SETS, new_uv_set, replaced_uv_sets, uv_sets_of_extensions
@@ -19,13 +21,14 @@ from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.progress import Note
 from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
 
+COLOR, OCCLUSION = "COLOR_0", "_AO"
 FEATURES, OUTLINE = "EXT_mesh_features", "CESIUM_primitive_outline"
 
 
 def edit_document(
-    document: GltfDocument, scene: Scene, atlas: Atlas, normals: Float32Array
+    document: GltfDocument, scene: Scene, atlas: Atlas, normals: Float32Array, vertices: VertexOcclusion | None = None
 ) -> tuple[Json, GltfBuffer, dict[PrimitiveKey, int], tuple[str, ...]]:
-    """Return a copy of the scene's document with the UVs of the atlas and the given normals.
+    """Return a copy of the scene's document with the UVs of the atlas, the given normals and values at vertices.
 
     normals   (f, 3, 3) float32, in world space
 
@@ -38,7 +41,7 @@ def edit_document(
     json = deepcopy(document.json)
     receiving = [part if part.receives else None for part in scene.parts]
     changed_normals = {part for part in filter(None, receiving) if _normals_differ(document, scene, part, normals)}
-    if atlas.uv_set is not None and not changed_normals:
+    if atlas.uv_set is not None and not changed_normals and vertices is None:
         keys = _separate_meshes(json, scene.parts, receiving, separate=False)
         name = f"TEXCOORD_{atlas.uv_set}"
         texcoords = {key: atlas.uv_set for key in keys.values() if name in _primitive(json, key)["attributes"]}
@@ -65,8 +68,11 @@ def edit_document(
         if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in original["attributes"]:  # a part without area may lack it
             texcoords[key] = uv_set
         new_uvs = {} if atlas.uv_set is not None else {f"TEXCOORD_{uv_set}": flip_v(atlas.uvs[part.faces])}
+        added = dict[str, Float32Array]()
+        if vertices is not None:
+            added = vertex_attribute(vertices, part.faces, original["attributes"])
         new_normals = normals[part.faces] if part in changed_normals else None
-        primitive = _rewrite(document, buffer, part, original, new_uvs, new_normals)
+        primitive = _rewrite(document, buffer, part, original, new_uvs | added, new_normals)
         json["meshes"][key[0]]["primitives"][key[1]] = primitive
     if atlas.uv_set is None:
         messages += replaced_uv_sets(document, [(originals[part], texcoords[key]) for part, key in keys.items()])
@@ -106,6 +112,27 @@ def flip_v(uvs: Float64Array) -> Float32Array:
     return np.stack([uvs[..., 0], 1.0 - uvs[..., 1]], axis=-1).astype(np.float32)
 
 
+def vertex_attribute(
+    vertices: VertexOcclusion, faces: slice | NDArray[np.intp], taken: Collection[str]
+) -> dict[str, Float32Array]:
+    """Return the values at the corners of some faces, (n, 3, c), by the name of their attribute.
+
+    taken   the attributes of their primitive: its colours are kept
+    """
+    values = vertices.corners[faces][:, :, None]
+    if vertices.as_color and COLOR not in taken:
+        return {COLOR: np.repeat(values, 3, axis=2)}
+    return {OCCLUSION: values}
+
+
+def kept_colors(path: Path, json: Json) -> Iterator[str]:
+    """Yield a warning about primitives whose vertices have both colours and ambient occlusion."""
+    attributes = [primitive["attributes"] for mesh in json["meshes"] for primitive in mesh["primitives"]]
+    if kept := sum(COLOR in names and OCCLUSION in names for names in attributes):
+        have = one_or_many(kept, "has", "have")
+        yield f"{path}: {counted(kept, 'primitive')} {have} {COLOR} already, which is kept: the AO is {OCCLUSION} there"
+
+
 def _lost_normals(document: GltfDocument, parts: Collection[Part]) -> Iterator[str]:
     """Yield a warning about morph targets of parts with new normals, where `_rewrite` drops their normals."""
     lost = sum(any(weight and "NORMAL" in target for target, weight in _targets(document, part)) for part in parts)
@@ -126,15 +153,15 @@ def _rewrite(
     buffer: GltfBuffer,
     part: Part,
     original: Json,
-    new_uvs: Mapping[str, Float32Array],
+    new_values: Mapping[str, Float32Array],
     normals: Float32Array | None,
 ) -> Json:
-    """Return a copy of a primitive with new vertices in the buffer, split where UVs, normals or tangents differ.
+    """Return a copy of a primitive with new vertices in the buffer, split where their new values or tangents differ.
 
-    new_uvs   (n, 3, 2) by the name of their attribute
-    normals   (n, 3, 3) in world space; None: those of the file stay
+    new_values   (n, 3, c), such as UVs, by the name of their attribute
+    normals      (n, 3, 3) in world space; None: those of the file stay
     """
-    source, values = _source(part), dict[str, Any](new_uvs)
+    source, values = _source(part), dict[str, Any](new_values)
     if normals is not None:
         values["NORMAL"] = _local_normals(source, part, normals)
         if "TANGENT" in original["attributes"]:
@@ -154,7 +181,7 @@ def _rewrite(
     for name, corner_values in values.items():
         added = buffer.add_floats(corner_values.reshape(len(part.vertices) * 3, -1)[split.corner])
         attributes[name] = buffer.inherit(
-            added, document, None if name in new_uvs else original["attributes"].get(name)
+            added, document, None if name in new_values else original["attributes"].get(name)
         )
     triangles = split.triangles[:, REVERSED_WINDING] if source.mirrored else split.triangles
     indices = buffer.inherit(buffer.add_indices(triangles), document, original.get("indices"))

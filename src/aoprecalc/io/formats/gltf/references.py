@@ -108,9 +108,9 @@ class GltfBuffer:
         return self.add_rows({"componentType": component, "type": "SCALAR"}, rows.view(np.uint8))
 
     def add_floats(self, values: NDArray[Any], bounded: bool = False) -> int:
-        """Append (n, 2 or 3) vertex data as float32; return the index of its accessor."""
+        """Append (n, 1 to 3) vertex data as float32; return the index of its accessor."""
         rows = np.ascontiguousarray(values, dtype="<f4")
-        accessor: Json = {"componentType": FLOAT, "type": f"VEC{rows.shape[1]}"}
+        accessor: Json = {"componentType": FLOAT, "type": f"VEC{rows.shape[1]}" if rows.shape[1] > 1 else "SCALAR"}
         if bounded:
             accessor |= {"min": [], "max": []}
         return self.add_rows(accessor, rows.view(np.uint8))

@@ -16,6 +16,7 @@ from aoprecalc.io.formats.base import (
     MeshWithAo,
     SourceMaterial,
     TextureReference,
+    VertexOcclusion,
     WrittenMesh,
     material_names,
     material_use,
@@ -25,7 +26,7 @@ from aoprecalc.io.formats.base import (
 )
 from aoprecalc.io.formats.gltf.compression import EXTENSIONS
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, BINARY_EXTENSIONS, JSON_CHUNK, MAGIC, GltfDocument, Json
-from aoprecalc.io.formats.gltf.edit import edit_document, flip_v
+from aoprecalc.io.formats.gltf.edit import edit_document, flip_v, kept_colors, vertex_attribute
 from aoprecalc.io.formats.gltf.images import (
     add_base_textures,
     add_orm_textures,
@@ -53,7 +54,7 @@ from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
 
 
 def new_document(
-    scene: Scene, atlas: Atlas, normals: Float32Array
+    scene: Scene, atlas: Atlas, normals: Float32Array, vertices: VertexOcclusion | None
 ) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int], dict[int, SourceMaterial]]:
     """Return (json, buffer, texcoords, sources) for a scene of another format; a node and a mesh for name and material.
 
@@ -83,7 +84,8 @@ def new_document(
 
         own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set != 0 else []
         uv_sets = [*own, *new] if material.pictured else [*new, *own]
-        primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets, colors)
+        ao = vertices if use[1] else None
+        primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets, colors, ao)
         if use[1]:
             texcoords[len(json["meshes"]), 0] = len(own) if new and material.pictured else 0
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
@@ -126,12 +128,14 @@ def _primitive(
     normals: Float32Array | None,
     uv_sets: Sequence[Float64Array],
     colors: Float32Array | None,
+    vertices: VertexOcclusion | None,
 ) -> Json:
     """Return a primitive of the faces of some parts, about an origin; the other values are those of all faces."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
     values |= {f"TEXCOORD_{number}": flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
     values |= {} if colors is None else {"COLOR_0": colors[faces]}
+    values |= {} if vertices is None else vertex_attribute(vertices, faces, values)
     split = corners_to_vertices(scene.faces[faces], *values.values())
     positions = scene.positions[scene.faces[faces].reshape(-1)[split.corner]] - origin
     attributes = {"POSITION": buffer.add_floats(positions, bounded=True)}
@@ -171,10 +175,10 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     source = inner_path(scene.path)
     if isinstance(scene.document, GltfDocument):
         source = scene.document.path
-        document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals)
+        document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals, mesh.vertices)
         messages += notes
     else:
-        document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals)
+        document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals, mesh.vertices)
         messages += source_frame(scene)
     materials, notes = own_materials(document, texcoords, mesh.strength)
     messages += notes
@@ -204,9 +208,11 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         number, notes = add_texture(outputs, path, document, buffer, texture, text, repeats=atlas.repeats)
         messages += notes
         textures = dict.fromkeys(materials, number) | textures
-        if is_new:
+        if is_new and not (mesh.vertices and mesh.vertices.as_color):  # both would darken the colour twice
             shown = show_texture(document, materials, number)
     assign_textures(document, materials, textures, packed, extras, mesh.strength)
+    if mesh.vertices and mesh.vertices.as_color:
+        messages += kept_colors(path, document)
     compact(document)
     messages += _write(outputs, path, document, buffer.data)
     return WrittenMesh(_references(materials, shown, packed, mesh.strength), tuple(messages))
