@@ -195,10 +195,14 @@ class _StageEditor:
             if mesh.GetPrim().HasAttribute("primvars:normals"):
                 kind = Sdf.ValueTypeNames.Normal3fArray
                 primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("normals", kind, face_varying)
+                primvar.GetAttr().Clear()  # samples in the same layer, which are stronger
                 primvar.Set(normals)
                 primvar.BlockIndices()
             else:
-                UsdGeom.Mesh(prim).CreateNormalsAttr(normals).SetMetadata("interpolation", face_varying)
+                attribute = UsdGeom.Mesh(prim).CreateNormalsAttr()
+                attribute.Clear()  # as above
+                attribute.Set(normals)
+                attribute.SetMetadata("interpolation", face_varying)
 
     def _normals(self, mesh: Any, edit: MeshEdit, total: int) -> Any:
         """Return the normals to author; None for none, as on subdivision surfaces, which have those of their limit."""

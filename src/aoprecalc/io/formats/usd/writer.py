@@ -3,6 +3,7 @@
 import io
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path, PurePosixPath
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
@@ -28,6 +29,7 @@ PACKAGE = ".usdz"
 _IN_PACKAGES = (".png", ".jpg", ".jpeg", ".exr")
 _BINARY = b"PXR-USDC"
 _ALIGNMENT, _PADDING_ID = 64, 0x1986  # of the files in a package; of the field that holds their padding
+_UTF8_FLAG = 0x800  # of an entry whose name is UTF-8; zipfile reads others as cp437
 _FIRST_DATE = (1980, 1, 1, 0, 0, 0)  # of a ZIP: the same for each file, so that the same input gives the same bytes
 _MAX_NAMES = 5  # in a message
 _EQUAL_WITHIN = 1e-6  # UVs that differ by no more are the same but for rounding
@@ -198,7 +200,7 @@ def _write_package(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Edit
         texture = texture.with_suffix(".png")
     with ZipFile(mesh.scene.path) as package:
         check_unpacked_size(mesh.scene.path, package)
-        files = {entry.filename: package.read(entry) for entry in package.infolist() if not entry.is_dir()}
+        files = {_name_of(entry): package.read(entry) for entry in package.infolist() if not entry.is_dir()}
     root = next(iter(files))
     names = chain([texture.name], (f"{texture.stem}_{number}{texture.suffix}" for number in count(1)))
     places = (str(PurePosixPath(root).parent / name) for name in names)
@@ -207,6 +209,14 @@ def _write_package(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Edit
     files |= {root: edited.layer, place: picture}
     outputs.path(path).write_bytes(_package(files.items()))
     return edited, notes
+
+
+def _name_of(entry: ZipInfo) -> str:
+    """Return the name of a file in a package: USD writes UTF-8, but not the flag that says so."""
+    if not entry.flag_bits & _UTF8_FLAG:
+        with suppress(UnicodeError):
+            return entry.filename.encode("cp437").decode()
+    return entry.filename
 
 
 def _package(files: Iterable[tuple[str, bytes]]) -> bytes:
