@@ -61,7 +61,7 @@ FalloffField = Annotated[Falloff, _visibility(
     "How the effect of an occluder falls up to `max_distance`: not (none), linearly or smoothly.",
     more="At the share x of the maximum distance an occluder takes 1, 1 - x or 1 - 3x^2 + 2x^3 of the light.")]
 ConeField = Annotated[float, _visibility(
-    "Opening angle of the cone of directions about the normal; 180 is the hemisphere.", range=(0, 180), above_min=True,
+    "Opening angle of the cone of directions about the normal; 180 is the hemisphere.", range=(1, 180),
     unit="degrees", metavar="DEG")]
 WeightField = Annotated[Weight, _visibility(
     "Weight of a direction: its cosine with the normal, or the same for all.")]

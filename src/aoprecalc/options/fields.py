@@ -353,7 +353,7 @@ def _read_distance(text: str) -> float | str:
     number = float(text.strip().removesuffix("%"))
     if not 0 < number < inf:
         raise ValueError
-    return f"{number:g}%" if share else number
+    return f"{repr(number).removesuffix('.0')}%" if share else number
 
 
 def _read_bytes(text: str) -> int:
