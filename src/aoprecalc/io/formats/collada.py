@@ -1,12 +1,15 @@
 """COLLADA (.dae, .zae), by pycollada: the geometry of every instance, in the world, with its materials."""
 
+import posixpath
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from html import unescape
 from importlib.util import find_spec
 from io import BytesIO
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 from zipfile import ZipFile
@@ -18,8 +21,8 @@ from aoprecalc.errors import InputError
 from aoprecalc.io.formats.archives import check_unpacked_size
 from aoprecalc.io.formats.base import PartSource, SourceDocument, SourceMaterial
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors
-from aoprecalc.io.formats.files import FileSearch, ImageSource
-from aoprecalc.io.formats.materials import ExaminedMaterial, PicturedFormat, examine
+from aoprecalc.io.formats.files import ImageSource
+from aoprecalc.io.formats.materials import ExaminedMaterial, PicturedFormat, examine, picture_search
 from aoprecalc.io.formats.polygons import Polygons, corner_order, polygon_triangles
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
@@ -36,6 +39,8 @@ _LEFT_OUT = {
     "cameras": rb"camera\b",
     "lights": rb"light\b",
 }
+_IMAGE = re.compile(rb"<(?:\w+:)?image\b")
+_INIT_FROM = re.compile(rb"<(?:\w+:)?init_from\b[^<>]*>\s*(?:<(?:\w+:)?ref>)?([^<]*)")
 # Of an effect: its pictures that are named in a warning.
 _OTHER_PICTURES = ("emission", "ambient", "specular", "reflective", "bumpmap")
 
@@ -54,13 +59,36 @@ class ColladaFormat(PicturedFormat):
         """Read every instance of every mesh, by material; raises InputError where pycollada is missing."""
         if find_spec("collada") is None:
             raise InputError(f"{path}: COLLADA needs the package pycollada; `pip install 'aoprecalc[formats]'`")
-        files: dict[str, bytes] = {}
-        if data.startswith(b"PK"):
-            with ZipFile(BytesIO(data)) as archive:
-                check_unpacked_size(path, archive)
-                files = {name: archive.read(name) for name in archive.namelist()}
-            data = next((files[name] for name in files if name.lower().endswith(".dae")), b"")
-        return _Reader(path, data, files).read()
+        package = _Package.of(path, data)
+        return _Reader(path, package.text, _Pictures(path, package)).read()
+
+    def referenced_files(self, path: Path, data: bytes) -> list[Path]:
+        """Return the pictures that it names, without those in its archive."""
+        package = _Package.of(path, data)
+        pictures = _Pictures(path, package)
+        names = (_INIT_FROM.search(image) for image in _IMAGE.split(package.text)[1:])
+        found = (pictures.find(unescape(name[1].decode("utf-8", "surrogateescape"))) for name in names if name)
+        return [picture.path for picture in found if picture is not None and picture.path is not None]
+
+
+@dataclass(frozen=True)
+class _Package:
+    """A document, its name in its archive, and the files there; no names and files where it is in none."""
+
+    text: bytes
+    name: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, path: Path, data: bytes) -> Self:
+        """Unpack a file of the given bytes; raises InputError where its content is too large."""
+        if not data.startswith(b"PK"):
+            return cls(data)
+        with ZipFile(BytesIO(data)) as archive:
+            check_unpacked_size(path, archive)
+            files = {name: archive.read(name) for name in archive.namelist()}
+        name = next((name for name in files if name.lower().endswith(".dae")), "")
+        return cls(files.get(name, b""), name, files)
 
 
 @dataclass(frozen=True)
@@ -83,14 +111,14 @@ class _Instance:
 class _Reader:
     """Reads one document."""
 
-    def __init__(self, path: Path, text: bytes, files: Mapping[str, bytes]) -> None:
-        """Parse it; `files` are those in its archive."""
+    def __init__(self, path: Path, text: bytes, pictures: "_Pictures") -> None:
+        """Parse it."""
         from collada import Collada
         from collada.common import DaeError
 
         self._path, self._text = path, text
         self._document = Collada(BytesIO(text), ignore=[DaeError])
-        self._pictures = _Pictures(path, files)
+        self._pictures = pictures
         self._materials: dict[str, ExaminedMaterial[SourceMaterial]] = {}
         self._names: dict[str, str] = {}  # by id
         self._visited = 0
@@ -236,20 +264,32 @@ class _Reader:
 class _Pictures:
     """The pictures of a document: in its archive, else beside it."""
 
-    def __init__(self, path: Path, files: Mapping[str, bytes]) -> None:
-        """Look into the folders where packs of assets have them."""
-        folder = path.parent
-        self._search = FileSearch(folder, folder / "textures", folder / "images", folder.parent / "textures")
-        self._files = {PurePosixPath(name).name.casefold(): (name, data) for name, data in files.items()}
+    def __init__(self, path: Path, package: _Package) -> None:
+        """Look into the archive, and into the folders where packs of assets have them."""
+        self._search, self._files = picture_search(path), package.files
+        self._folder = posixpath.dirname(package.name)
+        self._by_path = {name.casefold(): name for name in package.files}
+        counts = Counter(map(posixpath.basename, self._by_path))
+        self._by_name = {
+            name: file for path, file in self._by_path.items() if counts[name := posixpath.basename(path)] == 1
+        }
 
     def find(self, uri: str) -> ImageSource | None:
         """Return the picture that a document names; at its place, where there is none."""
         name = re.sub(r"^file:(//)?(/(?=[A-Za-z]:))?", "", uri.strip())
-        inside = self._files.get(PurePosixPath(unquote(name).replace("\\", "/")).name.casefold())
+        inside = self._inside(unquote(name).replace("\\", "/").casefold())
         if inside is not None:
-            return ImageSource(inside[0], data=inside[1])
+            return ImageSource(inside, data=self._files[inside])
         place = self._search.place(name)
         return None if place is None else ImageSource.of(place)
+
+    def _inside(self, name: str) -> str | None:
+        """Return the file of the archive that a name means: by its path from the document, else the only one called so.
+
+        name   in lower case
+        """
+        path = posixpath.normpath(posixpath.join(self._folder.casefold(), name))
+        return self._by_path.get(path) or self._by_name.get(posixpath.basename(name))
 
 
 def _frame(up: str, unit: float) -> Iterator[Note]:

@@ -15,7 +15,7 @@ from aoprecalc.io.formats.base import (
     material_use,
     source_materials,
 )
-from aoprecalc.io.formats.files import ColorImages
+from aoprecalc.io.formats.files import ColorImages, FileSearch
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import repeating_texture
 from aoprecalc.types import AlphaMask, Atlas, BaseColor, Float32Array, Float64Array, Material, Scene
@@ -97,6 +97,13 @@ def base_color(
     wraps = (material.placement.wrap, material.placement.wrap)
     texture, uvs = repeating_texture(texture, material.placement.transform(uvs), wraps)
     return BaseColor(material.factor(textured=True), texture, uvs, corners)
+
+
+def picture_search(path: Path) -> FileSearch:
+    """Return a search for pictures beside a file, and in the folders where packs of assets have them."""
+    folder = path.parent
+    folders = (folder / "textures", folder / "images", folder.parent / "textures", folder / f"{path.stem}.fbm")
+    return FileSearch(folder, *folders)
 
 
 class PicturedFormat(MeshFormat):

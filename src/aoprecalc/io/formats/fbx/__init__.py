@@ -12,6 +12,7 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError
 from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.fbx.materials import picture_files
 from aoprecalc.io.formats.fbx.reader import read_fbx
 from aoprecalc.io.formats.materials import PicturedFormat
 from aoprecalc.subprocesses import ChildTimeoutError, ask, end_with_parent
@@ -37,6 +38,10 @@ class FbxFormat(PicturedFormat):
         if find_spec("ufbx") is None:
             raise InputError(f"{path}: FBX needs the package ufbx; `pip install 'aoprecalc[fbx]'`")
         return _read_apart(path, data)
+
+    def referenced_files(self, path: Path, data: bytes) -> list[Path]:
+        """Return the pictures that it names."""
+        return picture_files(path, data)
 
 
 # Damage may crash ufbx, and its Python binding leaves memory in disorder, so that another process reads each file.

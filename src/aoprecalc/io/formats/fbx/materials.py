@@ -1,5 +1,6 @@
 """The materials of an FBX, as ufbx tells them: colour, opacity and their pictures."""
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +9,14 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.io.formats.base import Placement, SourceMaterial
-from aoprecalc.io.formats.files import FileSearch, ImageSource
-from aoprecalc.io.formats.materials import ExaminedMaterial, examine
+from aoprecalc.io.formats.files import ImageSource
+from aoprecalc.io.formats.materials import ExaminedMaterial, examine, picture_search
 from aoprecalc.texture_lookup import srgb_from_linear
+
+# The name of a file, of a picture or its texture: in binary files its length and bytes, in others in quotes.
+_FILE_NAME = re.compile(
+    rb"(?:\x08File[nN]ame|\x10RelativeFile[nN]ame)S(.{4})|\b(?:Relative)?File[nN]ame\s*:\s*\"([^\"\r\n]*)\"", re.DOTALL
+)
 
 _HELD: list[Any] = []  # a reference for each time that an element was given
 
@@ -50,9 +56,8 @@ class FbxMaterials:
     """
 
     def __init__(self, path: Path) -> None:
-        """Look for pictures beside the file, and in the folders where packs of assets have them."""
-        folder = path.parent
-        self._search = FileSearch(folder, folder / "textures", folder.parent / "textures", folder / f"{path.stem}.fbm")
+        """Start without materials."""
+        self._search = picture_search(path)
         self._by_element: dict[int, FbxMaterial] = {}
         self.messages: list[str] = []
 
@@ -116,6 +121,17 @@ class FbxMaterials:
         found = next(filter(None, map(self._search.find, names)), None)
         place = found or (self._search.place(names[0]) if names else None)
         return None if place is None else ImageSource.of(place)
+
+
+def picture_files(path: Path, data: bytes) -> list[Path]:
+    """Return the pictures that an FBX names, embedded ones too, existing or not; found without ufbx."""
+    names = (
+        data[found.end() : found.end() + int.from_bytes(found[1], "little")] if found[1] else found[2]
+        for found in _FILE_NAME.finditer(data)
+    )
+    search = picture_search(path)
+    unique = dict.fromkeys(name.decode("utf-8", "surrogateescape").replace("&quot;", '"') for name in names)
+    return [file for name in unique if name and (file := search.place(name)) is not None]
 
 
 def _opacity_maps(pbr: Any) -> tuple[Any, ...]:
