@@ -25,6 +25,7 @@ from PIL import Image, ImageDraw
 
 import aoprecalc as ao
 from aoprecalc.render.comparison import contact_sheet
+from aoprecalc.texture_lookup import bilinear
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
@@ -185,6 +186,42 @@ def occlusion(_: Path) -> Picture:
     views = [drawn(result, (360, 300)) for result in results]
     named = [option_words(kind) or "default" for kind in kinds]
     return contact_sheet(list(zip(views, named, strict=True)), 3)
+
+
+def vertex_values(_: Path) -> Picture:
+    """A ball on a floor with its texture, with fitted values at the vertices and with sampled ones."""
+    ball = trimesh.creation.icosphere(2)
+    ball.apply_translation((0, 1, 0))
+    plate = trimesh.creation.box((4, 0.2, 4)).subdivide().subdivide()
+    plate.apply_translation((0, -0.1, 0))
+    result = baked(trimesh.util.concatenate([plate, ball]), size=512, crease_angle=40, vertex_ao="attribute")
+    sampled = bilinear(result.ao, result.mesh.uvs.reshape(-1, 2), repeats=False).reshape(-1, 3)
+    pictures = {
+        "the texture": result.ao,
+        "--vertex-ao: fitted values": interpolated(result, result.vertex_ao),
+        "values sampled at the vertices": interpolated(result, sampled),
+    }
+    options = ao.PreviewOptions(size=CELL, elevation=30)
+    cells = [(ao.preview(result.mesh, options, texture=values).image, name) for name, values in pictures.items()]
+    return contact_sheet(cells, 3)
+
+
+def interpolated(result: ao.BakeResult, values: np.ndarray) -> np.ndarray:
+    """Draw values at the corners of the faces, (F, 3), as a texture: around the charts first, then inside."""
+    texture = result.ao.copy()
+    height, width = texture.shape
+    for margin in (0.5, 0.0):
+        for uvs, corners in zip(result.mesh.uvs * (width, height), values, strict=True):
+            low, high = np.floor(uvs.min(axis=0) - 2).astype(int), np.ceil(uvs.max(axis=0) + 2).astype(int)
+            x, y = np.meshgrid(*(np.arange(max(a, 0), b) for a, b in zip(low, high, strict=True)))
+            inside = (x < width) & (y < height)
+            x, y = x[inside], y[inside]
+            sides = np.linalg.inv(np.column_stack([uvs[1] - uvs[0], uvs[2] - uvs[0]]))
+            second = (np.column_stack([x, y]) + 0.5 - uvs[0]) @ sides.T
+            weights = np.column_stack([1 - second.sum(axis=1), second])
+            hit = (weights >= -margin).all(axis=1)
+            texture[height - 1 - y[hit], x[hit]] = (weights[hit] @ corners).clip(0, 1)
+    return texture
 
 
 def option_words(options: dict) -> str:
@@ -350,7 +387,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, vertex_values, sides, borders, figures, sphere_figures, three, report,
+            report_batch)  # fmt: skip
 
 
 def main() -> None:
