@@ -10,7 +10,7 @@ import math
 import os
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -47,6 +47,7 @@ _MAX_NAME = 4096  # characters
 # Windows asks the server that such a name begins with, or opens a device.
 _SERVER = re.compile(r"[/\\](\?\?)?[/\\]")
 _QUOTES = "\"'"
+UDIM = "<UDIM>"  # stands for the number of a tile in the name of a texture of several images
 
 
 def read_file(path: Path) -> bytes:
@@ -215,10 +216,41 @@ class TextureCopies:
     def name(self, file: Path) -> str:
         """Return the name of a texture as the written mesh states it."""
         if file not in self._names:
-            inside = Path(os.path.realpath(file)).is_relative_to(os.path.realpath(self._path.parent))
-            copied = not self._stay and not inside and channel_count(file) > 0
+            copied = self._is_copied([file])
             self._names[file] = self._copy(file) if copied else relative_path(file, self._path)
         return self._names[file]
+
+    def tiles(self, pattern: Path, tiles: dict[str, Path]) -> str:
+        """Return the name of a texture of several images, with <UDIM> in it as in `pattern`.
+
+        tiles   the images, by the number in the place of <UDIM>
+        """
+        if pattern not in self._names:
+            copied = self._is_copied(tiles.values())
+            self._names[pattern] = self._copy_tiles(pattern, tiles) if copied else relative_path(pattern, self._path)
+        return self._names[pattern]
+
+    def _is_copied(self, files: Collection[Path]) -> bool:
+        folder = os.path.realpath(self._path.parent)
+        outside = (not Path(os.path.realpath(file)).is_relative_to(folder) for file in files)
+        return not self._stay and all(outside) and all(map(channel_count, files))
+
+    def _copy_tiles(self, pattern: Path, tiles: dict[str, Path]) -> str:
+        contents = {number: read_file(tile) for number, tile in tiles.items()}
+
+        def copies(name: Path) -> dict[Path, bytes]:
+            return {name.with_name(name.name.replace(UDIM, number)): data for number, data in contents.items()}
+
+        place = self._path.with_name(pattern.name)
+        if self._outputs.staged:
+            place = self._outputs.free_path(place, b"".join(contents.values()))
+        else:
+            free = self._outputs.free_path
+            names = self._outputs.candidates(place)
+            place = next(name for name in names if all(free(file, data) == file for file, data in copies(name).items()))
+        for file, data in copies(place).items():
+            self._outputs.path(file).write_bytes(data)
+        return place.name
 
     def _copy(self, file: Path) -> str:
         data = read_file(file)

@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from aoprecalc.errors import counted, one_or_many
-from aoprecalc.io.formats.usd.materials import listed
+from aoprecalc.io.formats.usd.materials import bound_material, listed
 from aoprecalc.io.formats.usd.paths import EditPaths
 from aoprecalc.io.formats.usd.shading import PREVIEW_SURFACE, BakedTexture, OcclusionShading
 from aoprecalc.io.formats.usd.stage import usd_messages
@@ -59,14 +58,14 @@ class MaterialUse:
 class StageEdits:
     """What is to be changed in a stage.
 
-    suffix   of the layer that is written: .usda or .usdc
+    layer    the file, .usda or .usdc, that the edited layer is exported to, in a folder that the parent removes
     moved    paths of files in the root layer, as they are and as they shall be stated
     """
 
     meshes: tuple[MeshEdit, ...]
     uses: tuple[MaterialUse, ...]
     texture: BakedTexture
-    suffix: str
+    layer: Path
     moved: dict[str, str]
 
 
@@ -83,7 +82,7 @@ def edit_stage(path: Path, edits: StageEdits) -> EditedStage:
     """Return the root layer of a stage with edits; raises InputError where it is damaged."""
     from pxr import Sdf, Usd, UsdUtils
 
-    with usd_messages(path), TemporaryDirectory() as folder:
+    with usd_messages(path):
         stage = Usd.Stage.Open(str(path))
         editor = _StageEditor(stage, edits)
         editor.edit()
@@ -92,9 +91,8 @@ def edit_stage(path: Path, edits: StageEdits) -> EditedStage:
             UsdUtils.ModifyAssetPaths(layer, lambda name: edits.moved.get(name, name))
             for file in editor.shading.files:
                 layer.GetAttributeAtPath(file).default = Sdf.AssetPath(edits.texture.path)
-        file = Path(folder) / f"layer{edits.suffix}"
-        layer.Export(str(file))
-        return EditedStage(file.read_bytes(), editor.materials(), tuple(editor.messages(path)))
+        layer.Export(str(edits.layer))
+        return EditedStage(edits.layer.read_bytes(), editor.materials(), tuple(editor.messages(path)))
 
 
 class _StageEditor:
@@ -106,7 +104,7 @@ class _StageEditor:
     def __init__(self, stage: Any, edits: StageEdits) -> None:
         """Prepare the stage, so that all that is to be edited can be."""
         self._stage, self._edits = stage, edits
-        self._uses = [(use, _bound_to(stage.GetPrimAtPath(use.owner))) for use in edits.uses]
+        self._uses = [(use, bound_material(stage.GetPrimAtPath(use.owner))[0]) for use in edits.uses]
         self._paths = EditPaths(stage, dict(self._edited()))
         self._new_name = self._free_name()
         self._without: dict[str, None] = {}  # names of materials without a UsdPreviewSurface
@@ -225,7 +223,7 @@ class _StageEditor:
         found = set()
         for prim in Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
             shows = prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.Subset)
-            if shows and str(prim.GetPath()) not in known and (material := _bound_to(prim)):
+            if shows and str(prim.GetPath()) not in known and (material := bound_material(prim)[0]):
                 found.add(self._paths.target(str(material.GetPath())))
         return found
 
@@ -265,7 +263,7 @@ class _StageEditor:
         from pxr import UsdGeom
 
         owner, mesh = self._stage.GetPrimAtPath(use.owner), self._stage.GetPrimAtPath(use.prim)
-        material = _bound_to(owner)
+        material, _ = bound_material(owner)
         if not UsdGeom.PrimvarsAPI(mesh).GetPrimvar(self._name(use)).HasValue():
             self._warnings.append(f"{use.prim} did not take the UVs of the texture; flatten the stage")
         elif not material or not (surface := _surface_of(material)):
@@ -273,13 +271,6 @@ class _StageEditor:
                 self._warnings.append(f"{use.owner} did not take a material with the texture; flatten the stage")
         elif self.shading.surfaces.get(self._paths.target(str(surface.GetPath()))) != self._name(use):
             self._warnings.append(f"{use.owner} shows another material than that with the texture; bind it there")
-
-
-def _bound_to(prim: Any) -> Any:
-    """Return the material that is bound to a prim; None for none."""
-    from pxr import UsdShade
-
-    return UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0] or None
 
 
 def _surface_of(material: Any) -> Any:

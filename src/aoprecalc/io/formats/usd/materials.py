@@ -114,6 +114,20 @@ def listed(names: list[str]) -> str:
     return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
+def bound_material(prim: Any) -> tuple[Any, str]:
+    """Return the material that previews show on a prim, and the purpose of its binding; (None, "") for none.
+
+    The purpose is `preview`, or empty where the binding is for all purposes.
+    """
+    from pxr import UsdShade
+
+    material, relationship = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
+    if not material:
+        return None, ""
+    of_all = len(relationship.SplitName()) == (4 if ":collection:" in relationship.GetName() else 2)
+    return material, "" if of_all else UsdShade.Tokens.preview
+
+
 class UsdMaterials:
     """The materials of a stage, each read once.
 
@@ -130,10 +144,8 @@ class UsdMaterials:
 
     def bound_to(self, prim: Any) -> UsdMaterial | None:
         """Return the material that is bound to a prim; None where there is none."""
-        from pxr import UsdShade
-
-        material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
-        if not material:
+        material, _ = bound_material(prim)
+        if material is None:
             return None
         path = str(material.GetPath())
         if path not in self._by_prim:

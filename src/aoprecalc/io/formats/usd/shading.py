@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from aoprecalc.io.formats.usd.materials import BAKED
+from aoprecalc.io.formats.usd.materials import BAKED, bound_material
 from aoprecalc.io.formats.usd.paths import EditPaths
 
 PREVIEW_SURFACE = "UsdPreviewSurface"
@@ -90,11 +90,13 @@ class OcclusionShading:
         return made
 
     def bind(self, owner: str, material: Any) -> None:
-        """Bind a material to a Mesh or GeomSubset in the place of that which it has."""
+        """Bind a material to a Mesh or GeomSubset in the place of that which it has, for the same purpose."""
         from pxr import UsdShade
 
-        with self._paths.editing(owner, "material:binding") as prim:
-            UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
+        _, purpose = bound_material(self._stage.GetPrimAtPath(owner))
+        weak = UsdShade.Tokens.fallbackStrength
+        with self._paths.editing(owner, f"material:binding:{purpose}".rstrip(":")) as prim:
+            UsdShade.MaterialBindingAPI.Apply(prim).Bind(material, weak, purpose)
 
     def plain_material(self, owner: Any, name: str) -> Any:
         """Return a material of the displayed colour and opacity of a prim without one; `name` is its primvar of UVs.

@@ -2,10 +2,12 @@
 
 import io
 import os
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -14,7 +16,7 @@ from aoprecalc.errors import UsageError, counted, one_or_many
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.archives import check_pictures, check_unpacked_size
 from aoprecalc.io.formats.base import MeshWithAo, TextureReference, WrittenMesh, output_uvs
-from aoprecalc.io.formats.files import TextureCopies
+from aoprecalc.io.formats.files import UDIM, TextureCopies
 from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.formats.usd.editor import NEW_UVS, EditedStage, MaterialUse, MeshEdit, StageEdits
 from aoprecalc.io.formats.usd.shading import BakedTexture
@@ -78,21 +80,36 @@ def _anchored(name: str) -> str:
 
 def _moved_files(outputs: Outputs, path: Path, scene: Scene) -> tuple[dict[str, str], tuple[Note, ...]]:
     """Return the paths in the root layer that `path` states in another way, as it is in another folder, and a note."""
+    from pxr import Ar
+
     document, folder = scene.document, scene.path.parent
     assert isinstance(document, UsdDocument)  # see `check_source`
     if os.path.realpath(path.parent) == os.path.realpath(folder):
         return {}, ()
     copies, moved, layers = TextureCopies(outputs, path, scene.path), dict[str, str](), list[str]()
     for name in document.names:
-        file, bracket, inside = name.partition("[")
-        if os.path.isabs(file) or "://" in file or not (file.startswith(".") or (folder / file).is_file()):
+        file, inside = Ar.SplitPackageRelativePathOuter(name)
+        tiles = _tiles(folder / file)
+        found = bool(tiles) or (folder / file).is_file()
+        if os.path.isabs(file) or "://" in file or not (file.startswith(".") or found):
             continue  # a place that depends on no folder, or a name that a renderer looks for in its own
-        moved[name] = _anchored(copies.name(folder / file)) + bracket + inside
+        place = copies.tiles(folder / file, tiles) if tiles else copies.name(folder / file)
+        moved[name] = _anchored(place) + (f"[{inside}]" if inside else "")
         if moved[name].startswith("../"):
             layers.append(file)
     names = ", ".join(layers[:_MAX_NAMES]) + (", ..." if len(layers) > _MAX_NAMES else "")
     is_read = f"{counted(len(layers), 'file')} {one_or_many(len(layers), 'stays', 'stay')} in {folder}: {names}"
     return moved, (Note(f"{path}: refers to what it is made of where that is: {is_read}"),) if layers else ()
+
+
+def _tiles(file: Path) -> dict[str, Path]:
+    """Return the existing images of a texture with <UDIM> in its name, by the number in the place of that."""
+    before, mark, behind = file.name.partition(UDIM)
+    if not mark or not file.parent.is_dir():
+        return {}
+    pattern = re.compile(f"{re.escape(before)}(1[0-9]{{3}}){re.escape(behind)}")
+    found = (pattern.fullmatch(name) for name in sorted(os.listdir(file.parent)))
+    return {match[1]: file.with_name(match[0]) for match in found if match}
 
 
 # What the prims get.
@@ -103,15 +120,12 @@ def _edit(mesh: MeshWithAo, texture: str, suffix: str, moved: dict[str, str]) ->
     scene, atlas = mesh.scene, mesh.atlas
     uvs = None if atlas.uv_set is not None else output_uvs(scene, atlas).astype(np.float32)
     meshes, cut = _mesh_edits(scene, uvs, mesh.normals, atlas.mapped)
-    edits = StageEdits(
-        meshes,
-        tuple(_material_use(part, atlas.uv_set) for part in scene.parts),
-        BakedTexture(texture, atlas.repeats, bake_text(mesh.options, len(mesh.scene.faces))),
-        suffix,
-        moved,
-    )
+    uses = tuple(_material_use(part, atlas.uv_set) for part in scene.parts)
+    baked = BakedTexture(texture, atlas.repeats, bake_text(mesh.options, len(scene.faces)))
     size = scene.path.stat().st_size + sum(edit.corners.nbytes for edit in meshes)
-    edited = work_apart(scene.path, size, edits)
+    with TemporaryDirectory() as folder:
+        edits = StageEdits(meshes, uses, baked, Path(folder) / f"layer{suffix}", moved)
+        edited = work_apart(scene.path, size, edits)
     assert isinstance(edited, EditedStage)
     return EditedStage(edited.layer, edited.materials, (*edited.messages, *cut))
 
