@@ -289,7 +289,7 @@ def compact(document: Json) -> None:
 
 
 def check_references(path: Path, document: Json) -> None:
-    """Raise InputError for a reference to a texture, image, sampler or buffer view that does not exist.
+    """Raise InputError for a reference to a texture, image, sampler, buffer view or coarser level that does not exist.
 
     An entry that the bake adds would otherwise get that index. So does one that is not a whole number, unless it is in
     an extension that is not known.
@@ -303,6 +303,13 @@ def check_references(path: Path, document: Json) -> None:
         for holder, key in found:
             if not 0 <= holder[key] < count:
                 raise damaged_file(path, f"it refers to entry {holder[key]} of {kind}, but there are {count}")
+    for kind in ("materials", "nodes"):
+        count = len(document.get(kind, []))
+        for entry in document.get(kind, []):
+            for level in entry.get("extensions", {}).get("MSFT_lod", {}).get("ids", []):
+                if type(level) is not int or not 0 <= level < count:
+                    found = f"MSFT_lod refers to entry {str(level)[:20]!r} of {kind}"
+                    raise damaged_file(path, f"{found}, a whole number from 0 to {count - 1} was expected")
 
 
 def unknown_extensions(names: Iterable[str]) -> list[str]:
