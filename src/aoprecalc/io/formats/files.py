@@ -270,7 +270,7 @@ class ImageSource:
 
     name: str
     path: Path | None = None
-    data: bytes = field(default=b"", repr=False, compare=False)
+    data: bytes = field(default=b"", repr=False)
 
     @classmethod
     def of(cls, path: Path) -> Self:
