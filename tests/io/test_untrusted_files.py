@@ -223,7 +223,7 @@ def test_a_record_of_a_batch_names_no_files_elsewhere(tmp_path):
 def test_names_in_files_do_not_steer_the_terminal(tmp_path, command):
     Image.new("L", (4, 4)).save(tmp_path / "t.png")
     (tmp_path / "a.mtl").write_text("newmtl \x1b[2Jname\nmap_Kd t.png\n", encoding="utf-8")
-    text = f"mtllib a.mtl\nusemtl \x1b[2Jname\nvt 0 0\n{FACE.replace('1 2 3', '1/1 2/1 3/1')}"
+    text = f"mtllib a.mtl\nusemtl \x1b[2Jname\nvt 1 1\n{FACE.replace('1 2 3', '1/1 2/1 3/1')}"
     (tmp_path / "a.obj").write_text(text, encoding="utf-8")
     done = command("bake", tmp_path / "a.obj", "-o", f"{tmp_path}/out/", "--size", "16", "-n", "64", "--backend", "ray")
     assert "[2Jname" in done.stderr
