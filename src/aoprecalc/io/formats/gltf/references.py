@@ -308,8 +308,8 @@ def check_references(path: Path, document: Json) -> None:
         for entry in document.get(kind, []):
             for level in entry.get("extensions", {}).get("MSFT_lod", {}).get("ids", []):
                 if type(level) is not int or not 0 <= level < count:
-                    found = f"MSFT_lod refers to entry {str(level)[:20]!r} of {kind}"
-                    raise damaged_file(path, f"{found}, a whole number from 0 to {count - 1} was expected")
+                    said = f"MSFT_lod refers to entry {str(level)[:20]!r} of {kind}"
+                    raise damaged_file(path, f"{said}, a whole number from 0 to {count - 1} was expected")
 
 
 def unknown_extensions(names: Iterable[str]) -> list[str]:
