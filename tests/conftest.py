@@ -40,7 +40,7 @@ def unwrap_each_mesh_once():
 
     def remembered(scene, *settings, **more):
         more_settings = [value for name, value in more.items() if name != "cuts" and not callable(value)]
-        arrays = scene.positions, scene.faces, scene.receives
+        arrays = scene.positions, scene.faces, scene.receives, *([] if scene.polygons is None else [scene.polygons])
         owners = [part.uv_owner for part in scene.parts]
         key = (*(array.tobytes() for array in arrays), *owners, *settings, *more_settings)
         if key not in ATLASES:

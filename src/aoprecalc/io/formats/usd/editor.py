@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import counted, one_or_many
-from aoprecalc.io.formats.usd.materials import bound_material, listed
+from aoprecalc.errors import counted, listed, one_or_many
+from aoprecalc.io.formats.usd.materials import bound_material
 from aoprecalc.io.formats.usd.paths import EditPaths
 from aoprecalc.io.formats.usd.shading import PREVIEW_SURFACE, BakedTexture, OcclusionShading
 from aoprecalc.io.formats.usd.stage import usd_messages

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, listed
 from aoprecalc.io.formats.base import AlphaMode, Placement, SourceMaterial
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.texture_lookup import srgb_from_linear
@@ -15,7 +15,6 @@ from aoprecalc.types import AlphaMask, Float32Array, Float64Array, Material, Wra
 
 _WRAPS: dict[str, Wrap] = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 BAKED = "aoprecalc"  # the customData of a baked texture: the options of its bake, as JSON
-_MAX_NAMES = 5  # that a warning lists
 _OPAQUE = 1 - 1 / 255
 _INPUTS_LEFT_OUT = (
     "emissiveColor",
@@ -107,11 +106,6 @@ class UsdMaterial:
         """The primvars of its textures, without that of its occlusion."""
         uses = (self.color_texture, self.opacity_texture)
         return tuple(dict.fromkeys(use.uv_name for use in uses if use is not None))
-
-
-def listed(names: list[str]) -> str:
-    """Return names for a message."""
-    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
 
 def bound_material(prim: Any) -> tuple[Any, str]:

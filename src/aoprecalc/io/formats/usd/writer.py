@@ -12,7 +12,7 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
 
-from aoprecalc.errors import UsageError, counted, one_or_many
+from aoprecalc.errors import UsageError, counted, listed, one_or_many
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.archives import check_pictures, check_unpacked_size
 from aoprecalc.io.formats.base import MeshWithAo, TextureReference, WrittenMesh, output_uvs
@@ -33,7 +33,6 @@ _BINARY = b"PXR-USDC"
 _ALIGNMENT, _PADDING_ID = 64, 0x1986  # of the files in a package; of the field that holds their padding
 _UTF8_FLAG = 0x800  # of an entry whose name is UTF-8; zipfile reads others as cp437
 _FIRST_DATE = (1980, 1, 1, 0, 0, 0)  # of a ZIP: the same for each file, so that the same input gives the same bytes
-_MAX_NAMES = 5  # in a message
 _EQUAL_WITHIN = 1e-6  # UVs that differ by no more are the same but for rounding
 
 
@@ -97,8 +96,8 @@ def _moved_files(outputs: Outputs, path: Path, scene: Scene) -> tuple[dict[str, 
         moved[name] = _anchored(place) + (f"[{inside}]" if inside else "")
         if moved[name].startswith("../"):
             layers.append(file)
-    names = ", ".join(layers[:_MAX_NAMES]) + (", ..." if len(layers) > _MAX_NAMES else "")
-    is_read = f"{counted(len(layers), 'file')} {one_or_many(len(layers), 'stays', 'stay')} in {folder}: {names}"
+    stay = f"{counted(len(layers), 'file')} {one_or_many(len(layers), 'stays', 'stay')}"
+    is_read = f"{stay} in {folder}: {listed(layers)}"
     return moved, (Note(f"{path}: refers to what it is made of where that is: {is_read}"),) if layers else ()
 
 
@@ -171,7 +170,7 @@ def _mesh_edits(
         edits.append(MeshEdit(prim, prim in shared, corners[faces].reshape(-1), new, local))
     if not cut:
         return tuple(edits), ()
-    number, names = sum(cut.values()), ", ".join(list(cut)[:_MAX_NAMES]) + (", ..." if len(cut) > _MAX_NAMES else "")
+    number, names = sum(cut.values()), listed(list(cut))
     found = f"{counted(number, 'polygon')} of {names} {one_or_many(number, 'has', 'have')} a seam of the UVs inside"
     return tuple(edits), (f"{found}, where the texture is wrong; triangulate the mesh, or write a .glb",)
 
