@@ -157,7 +157,7 @@ def test_python_saves_the_same_files(tmp_path):
     outputs = json.loads((tmp_path / "report.json").read_text())["outputs"]
     assert (outputs["texture"], outputs["mesh"]) == (None, str(tmp_path / "car.glb"))
     assert outputs["references"][0] == {
-        "slot": "occlusionTexture", "materials": 1, "uvs": "TEXCOORD_0", "packed": False,
+        "slot": "occlusionTexture", "materials": 1, "uvs": "TEXCOORD_0", "packed": False, "strength": 1.0,
     }  # fmt: skip
     assert made(tmp_path) == ["car.glb", "report.json"]
     files = result.save(tmp_path / "car.obj")
@@ -240,7 +240,7 @@ def test_a_packed_texture_is_told_apart(tmp_path, run):
     maker.node(mesh=maker.mesh(corner(maker, APART, material=rough)))
     maker.save("model.glb")
     done = run(tmp_path, "bake", "model.glb", *QUICK, "-o", "a.glb", "--pack", "orm", "--json")
-    expected = {"slot": "occlusionTexture", "materials": 1, "uvs": "TEXCOORD_0", "packed": True}
+    expected = {"slot": "occlusionTexture", "materials": 1, "uvs": "TEXCOORD_0", "packed": True, "strength": 1.0}
     assert json.loads(done.stdout)["outputs"]["references"] == [expected]
     done = run(tmp_path, "bake", "model.glb", *QUICK, "-o", "a.glb", "--pack", "orm")
     places = "occlusionTexture of 1 material, with roughness and metalness, TEXCOORD_0 (the file's own UVs)"

@@ -74,7 +74,8 @@ def test_the_report_has_what_scripts_read(ring, tmp_path, run):
         "mesh": "ring_ao.obj",
         "others": ["ring_ao.mtl"],
         "figures": [],
-        "references": [{"slot": "map_Kd", "materials": 1, "uvs": "vt", "packed": False}],
+        "references": [{"slot": "map_Kd", "materials": 1, "uvs": "vt", "packed": False, "strength": None}],
+        "inverted": False,
     }
     assert report["directions"] == 64
     assert report["backend"] == "gl"
