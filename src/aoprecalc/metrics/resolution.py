@@ -44,7 +44,8 @@ def resolution_error(
     size      of the texture: its width and height in texels
 
     Both the texels and the values at the points are measured twice, by independent rays. The mean product of the two
-    differences is the mean squared error of resolution alone: the noise of the rays has no part in it.
+    differences is the mean squared error of resolution alone: the noise of the rays has no part in it. Its standard
+    error is added, so that what is estimated is seldom too small.
     Raises RendererError where rays cannot be cast.
     """
     points = sample_surface(scene, atlas.mapped, POINTS, seed=0)
@@ -56,7 +57,7 @@ def resolution_error(
             for number, (of, rays) in enumerate(((tiles.samples, _RAYS), (points, _REFERENCE_RAYS)))
         )
         products *= tiles.looked_up(values) - expected
-    return math.sqrt(max(float(products.mean()), 0.0))
+    return math.sqrt(max(float(products.mean()), 0.0) + float(products.std()) / math.sqrt(POINTS))
 
 
 @dataclass(frozen=True, eq=False)
