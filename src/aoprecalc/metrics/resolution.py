@@ -14,16 +14,16 @@ from aoprecalc.mesh.surface import SurfacePoints, sample_surface
 from aoprecalc.metrics.errors import RayCount, reference_ao
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Layout, area_per_texel, build_layout, clamp_barycentric
-from aoprecalc.raster.resolve import LeastSquaresImage, resolve_texels
+from aoprecalc.raster.resolve import LeastSquaresImage, pad, resolve_texels
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Int64Array, Scene, Texels
 from aoprecalc.visibility.directions import texel_offset
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import RayCaster
 
-POINTS = 2000
+POINTS = 4000
 _REFERENCE_RAYS, _RAYS = 256, 16  # from a point; from each sample in a texel
-_SAMPLES = 8  # in a texel
+_SAMPLES = 6  # in a texel
 _TRIES = 64  # places in a texel at which samples are looked for: some of those at borders are hardly covered
 _MARGIN = 2  # texels of a tile beyond the two that a look-up reads along each axis; the outermost have no samples
 _TILE = 2 + 2 * _MARGIN
@@ -92,6 +92,14 @@ class _Tiles:
         texel, at, samples = _FlatSurface(build_layout(scene, atlas, width, height), threads).samples(
             texels, repeats=atlas.repeats
         )
+        # A texel that holds a point has a sample in the bake, however little of it is covered.
+        own = np.arange(len(points)) * len(inner) + (np.floor(position) - first - 1).astype(np.int64) @ (1, _TILE - 2)
+        bare = np.flatnonzero(~np.isin(own, texel))
+        texel, at = np.concatenate([texel, own[bare]]), np.concatenate([at, position[bare]])
+        samples = SurfacePoints(
+            np.concatenate([samples.faces, points.faces[bare]]),
+            np.concatenate([samples.weights, points.weights[bare]]),
+        )
         areas = area_per_texel(scene, atlas, Texels(width, height, np.zeros(0, np.int32)))
         positions = (at + shift[texel // len(inner)]).astype(np.float32)
         side = columns * _TILE
@@ -107,7 +115,8 @@ class _Tiles:
         index = np.flatnonzero(count).astype(np.int32)
         means = (np.bincount(texel, values, self.side**2)[index] / count[index]).astype(np.float32)
         resolved = resolve_texels(Texels(self.side, self.side, index), means, np.ones(len(index), bool), image)
-        return bilinear(resolved.values, self.uvs, repeats=False)
+        padded = pad(resolved.values, resolved.known, _MARGIN)[0]
+        return bilinear(padded, self.uvs, repeats=False)
 
 
 class _FlatSurface:
