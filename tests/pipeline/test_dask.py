@@ -149,7 +149,7 @@ def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
     result = on(two_workers, tmp_path / "in", tmp_path / "out", ship="bytes")
     assert [found.status for found in result.results] == ["failed", "made"]
     message = result.results[0].failure.message
-    assert message.startswith(f"{tmp_path}/in/broken.obj: a face refers to v 1, but there are 0")
+    assert message.startswith(f"{tmp_path}/in/broken.obj: line 1: a face refers to v 1, but there are 0")
 
 
 @pytest.mark.slow
