@@ -140,7 +140,7 @@ def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
         return ["the sampling error cannot be estimated from 128 directions or fewer; use more --directions"]
     return [
         f"the estimated sampling error is {error:.4f} after {baked.directions} directions, more than the target of "
-        f"{target:g}; use more --directions"
+        f"{target:.4g}; use more --directions"
     ]
 
 

@@ -1,6 +1,7 @@
 """The size of a texture and its UVs, which depend on each other: gutters are in texels, and so is a density.
 
-`--size auto` is `--size N` for the smallest power of two that does: the bake is the same to the byte.
+`--size auto` is `--size N` for the smallest power of two that does, and then the bake is the same to the byte; with a
+`--target-error` the directions have what the resolution leaves of it.
 """
 
 import math
