@@ -13,7 +13,7 @@ from aoprecalc.mesh.roles import assign_roles, baked_apart
 from aoprecalc.mesh.surface import area_vectors, cut_by_distance, sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.visibility import gather
+from aoprecalc.visibility import map_error
 from shapes import box, clutter, join, quad, rotation, scene_of_parts, triangle_a_cell
 
 slow = pytest.mark.slow
@@ -217,7 +217,7 @@ def test_maps_that_are_too_coarse_are_told_with_the_error_that_they_add():
 
 
 def test_without_rays_the_error_is_said_to_be_unknown(monkeypatch):
-    monkeypatch.setattr(gather, "embreex_problem", lambda: "not installed")
+    monkeypatch.setattr(map_error, "embreex_problem", lambda: "not installed")
     baked = bake(one_part_apart(3e3), "gl", shadow_size=512)
     assert any("the depth maps add an error of unknown size" in line for line in baked.warnings)
 

@@ -28,7 +28,14 @@ WRITTEN = {
     "only": {"roof": ("roof",)},
     "bit_depth": {"16": "16", 16: "16"},
 }
-NUMBERS = {"crease_angle": 30.5, "cone": 120, "target_error": 0.01, "tolerance": 0.05, "unwrap_timeout": 2.5}
+NUMBERS = {
+    "crease_angle": 30.5,
+    "cone": 120,
+    "strength": 0.5,
+    "target_error": 0.01,
+    "tolerance": 0.05,
+    "unwrap_timeout": 2.5,
+}
 
 
 def read_job_spec(bake, spheres):

@@ -164,7 +164,8 @@ OTHER = {
         "all_parts": True, "ground": True, "width": 64, "height": 64, "directions": 64, "sampling": "random", "seed": 1,
         "estimator": "mean", "shadow_size": 64, "backend": "ray", "unwrap": "xatlas", "padding": 2, "fill": "none",
         "bit_depth": "16", "normals": "flat", "crease_angle": 30.0, "target_error": 0.1, "instances": "share",
-        "pack": "orm",
+        "pack": "orm", "max_distance": 2.5, "cone": 90.0, "weight": "uniform", "texel_density": 9.0, "strength": 0.5,
+        "invert": True, "vertex_ao": "color",
     },
     SphereOptions: {
         "spheres": 8, "samples": 500, "seed": 1, "radius": "cover", "init": "kmeans++", "max_iterations": 5,
@@ -175,7 +176,7 @@ SAME = {"threads": 2, "memory_limit": 1 << 30, "unwrap_timeout": 60.0}
 
 
 def test_every_option_is_thought_of():
-    assert {field.name for field in fields(BakeOptions)} == {*OTHER[BakeOptions], *SAME, "up"}
+    assert {field.name for field in fields(BakeOptions)} == {*OTHER[BakeOptions], *SAME, "up", "falloff"}
     assert {field.name for field in fields(SphereOptions)} == {*OTHER[SphereOptions]}
 
 
@@ -183,7 +184,8 @@ def test_the_order_changes_with_every_option_that_matters():
     mesh = Path("rock.obj")
     specs = [BOTH, JobSpec(bake=BakeOptions()), JobSpec(spheres=SphereOptions())]
     specs += [replace(BOTH, bake=BakeOptions(**{name: value})) for name, value in OTHER[BakeOptions].items()]
-    specs += [replace(BOTH, bake=BakeOptions(ground=True, up="x"))]
+    specs += [replace(BOTH, bake=BakeOptions(ground=True, up="x")), replace(BOTH, bake=BakeOptions(size="auto"))]
+    specs += [replace(BOTH, bake=BakeOptions(max_distance=2.5, falloff="linear"))]
     specs += [replace(BOTH, spheres=SphereOptions(**{name: value})) for name, value in OTHER[SphereOptions].items()]
     others = {"bake_output": (".exr", ".glb"), "verify": True, "spheres_output": (".csv",)}
     specs += [replace(BOTH, **{name: value}) for name, value in others.items()]

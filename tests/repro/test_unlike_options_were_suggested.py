@@ -1,4 +1,4 @@
-"""`--max-distance`: "Did you mean --instances?". Only what is nearly the same name is suggested, and one name only."""
+"""An unknown option was said to mean one unlike it. Only what is nearly the same name is suggested, and one name only."""
 
 import pytest
 
@@ -8,7 +8,8 @@ from aoprecalc.cli import main
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
-        (["bake", "a.obj", "--max-distance", "3"], None),
+        (["bake", "a.obj", "--lightmap", "3"], None),
+        (["bake", "a.obj", "--max-distanse", "3"], "--max-distance"),
         (["bake", "a.obj", "--samples", "3"], "--directions"),
         (["bake", "a.obj", "-z"], None),
         (["xyz"], None),
