@@ -43,24 +43,25 @@ def write_scene(path: Path, width: float, places: tuple[float, ...]) -> None:
     scene.export(path)
 
 
-def error(mesh: Path, source: Path, backend: str, folder: Path) -> float:
+def error(mesh: Path, source: Path, backend: str, folder: Path) -> float | None:
     """Bake with one checkout and return the RMS error that this one measures."""
     asset = folder / "baked.glb"
     only = ["--only", "stool*"]
     bake = ["bake", mesh, *only, "--backend", backend, "-o", asset, "-q"]
-    run(source, *bake)
-    answer = run(HERE, "verify", asset, *only, "--json", "-q")
+    if run(source, *bake) is None or (answer := run(HERE, "verify", asset, *only, "--json", "-q")) is None:
+        return None
     return float(json.loads(answer)["levels"][0]["rmse"])
 
 
-def run(source: Path, *words: object) -> str:
-    """Run a command of a checkout."""
+def run(source: Path, *words: object) -> str | None:
+    """Return what a command of a checkout prints; None where it refuses the mesh."""
     command = [sys.executable, "-m", "aoprecalc", *map(str, words)]
     done = subprocess.run(
         command, env={**os.environ, "PYTHONPATH": str(source)}, capture_output=True, text=True, check=False
     )
     if done.returncode not in (0, 1) or done.stderr.startswith("error"):
-        raise SystemExit(done.stderr)
+        print(done.stderr, end="", file=sys.stderr)
+        return None
     return done.stdout
 
 
@@ -80,7 +81,8 @@ def main() -> None:
             for places in ((0.0,), (-0.4 * width, 0.4 * width)):
                 write_scene(mesh, width * 2, places)
                 found = [error(mesh, source, backend, Path(temporary)) for source, backend in columns]
-                print(f"{width:>7} {len(places):>6} " + " ".join(f"{rmse:>10.4f}" for rmse in found), flush=True)
+                cells = ["   refused" if rmse is None else f"{rmse:>10.4f}" for rmse in found]
+                print(f"{width:>7} {len(places):>6} " + " ".join(cells), flush=True)
 
 
 if __name__ == "__main__":
