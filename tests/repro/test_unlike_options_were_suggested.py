@@ -1,4 +1,4 @@
-"""An unknown option was said to mean one unlike it. Only what is nearly the same name is suggested, and one name only."""
+"""An unknown option was said to mean an unlike one. Only nearly the same name is suggested, and one name only."""
 
 import pytest
 
