@@ -321,17 +321,17 @@ def test_an_earlier_occlusion_is_replaced(stage, prim_at, tmp_path):
     [("constant", [(1, 0.5, 0)], (1, 0.5, 0)), ("vertex", [(0, 0, 1)] * 8, None), (None, [], None)],
 )
 def test_a_mesh_without_material_keeps_its_colour(stage, prim_at, tmp_path, interpolation, values, color):
-    root = UsdGeom.Xform.Define(stage, "/root")
+    root = UsdGeom.Xform.Define(stage, "/asset")
     stage.SetDefaultPrim(root.GetPrim())
-    mesh = add_mesh(stage, "/root/box")
+    mesh = add_mesh(stage, "/asset/box")
     if interpolation:
         mesh.CreateDisplayColorPrimvar(interpolation).Set(values)
     source, target = saved(stage), tmp_path / "a_ao.usda"
     write_baked(source, target)
-    prim = prim_at(target, "/root/box")
+    prim = prim_at(target, "/asset/box")
     occlusion_texture(prim)
     material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
-    assert material.GetPath().HasPrefix("/root")  # there where the default prim is referenced
+    assert material.GetPath().HasPrefix("/asset")  # there where the default prim is referenced
     given = material.ComputeSurfaceSource()[0].GetInput("diffuseColor")
     if interpolation is None:
         assert not given

@@ -225,7 +225,8 @@ def reference_ao(
 ) -> Float64Array:
     """Compute the ambient occlusion at surface points, (k,) float64 in [0, 1].
 
-    shading   (f, 3, 3) float32, unit normals at the corners
+    shading     (f, 3, 3) float32, unit normals at the corners
+    integrand   what each direction counts for, and how far occluders count
 
     Rays w are distributed by the integrand's weight, as a rule their cosine with the interpolated shading normal n.
     Estimator ratio: the visible fraction of the rays above the geometric horizon, g.w > 0 with the face normal g; mean:

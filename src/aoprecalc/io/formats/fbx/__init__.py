@@ -4,7 +4,6 @@ import os
 import pickle
 import re
 import sys
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -48,14 +47,9 @@ class FbxFormat(PicturedFormat):
 
 
 def _read_apart(path: Path, data: bytes) -> Scene:
-    started, seconds = time.monotonic(), _SECONDS + len(data) / _BYTES_PER_SECOND
-
-    def limit(step: str) -> None:
-        if time.monotonic() - started > seconds:
-            raise ChildTimeoutError(round(seconds), step)
-
+    seconds = round(_SECONDS + len(data) / _BYTES_PER_SECOND)
     try:
-        found = pickle.loads(ask(_CHILD, pickle.dumps((path, data)), limit))
+        found = pickle.loads(ask(_CHILD, pickle.dumps((path, data)), timeout=seconds))
     except ChildTimeoutError as error:
         raise damaged_file(path, f"ufbx gave {error}") from error
     except OSError as error:
