@@ -20,7 +20,8 @@ from aoprecalc.options import (
     SphereOptions,
     VerifyOptions,
 )
-from aoprecalc.options.fields import LEVELS, SIZE, option_field, option_fields
+from aoprecalc.options.fields import option_field, option_fields
+from aoprecalc.options.quantities import LEVELS, SIZE
 
 CLASSES = {
     "bake": BakeOptions,

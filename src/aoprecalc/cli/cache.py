@@ -7,7 +7,7 @@ import click
 
 from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type, say
 from aoprecalc.errors import UsageError, counted, format_bytes
-from aoprecalc.options.fields import AGE, BYTES
+from aoprecalc.options.quantities import AGE, BYTES
 
 if TYPE_CHECKING:
     from aoprecalc.pipeline.store import CacheReport

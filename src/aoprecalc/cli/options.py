@@ -19,7 +19,8 @@ from click.shell_completion import CompletionItem
 
 from aoprecalc.errors import ArgumentError, nearest, option_name
 from aoprecalc.options import MESH_EXTENSIONS, with_extensions
-from aoprecalc.options.fields import OptionField, Quantity, details, option_fields
+from aoprecalc.options.fields import OptionField, details, option_fields
+from aoprecalc.options.quantities import Quantity
 from aoprecalc.progress import Progress
 
 # Headings of `--help`, in their order; what has none of them comes last.

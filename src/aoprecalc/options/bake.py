@@ -5,18 +5,8 @@ from functools import partial
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import (  # fmt: skip
-    AUTO,
-    BYTES,
-    DISTANCE,
-    SHADOW_SIZE,
-    TEXTURE_SIZE,
-    Option,
-    Validated,
-    documented,
-    option_field,
-    option_fields,
-)
+from aoprecalc.options.fields import Option, Validated, documented, option_field, option_fields
+from aoprecalc.options.quantities import AUTO, BYTES, DISTANCE, SHADOW_SIZE, TEXTURE_SIZE
 
 Sampling = Literal["fibonacci", "random"]
 Estimator = Literal["ratio", "mean"]

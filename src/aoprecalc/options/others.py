@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.bake import Backend, ThreadsField, Up
-from aoprecalc.options.fields import BYTES, LEVELS, SIZE, VECTOR, Option, Validated, documented, option_field
+from aoprecalc.options.fields import Option, Validated, documented, option_field
+from aoprecalc.options.quantities import BYTES, LEVELS, SIZE, VECTOR
 
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
