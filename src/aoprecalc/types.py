@@ -124,6 +124,7 @@ class Scene:
     polygons       (f,) int32: the polygon of each face, which no seam of new UVs may cut; None where they may be cut
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
+    surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
     ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
     """
 
@@ -141,6 +142,7 @@ class Scene:
     welded: tuple[int, float] | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    surroundings: Float64Array | None = None
     ground_normal: tuple[float, float, float] | None = None
 
     @property

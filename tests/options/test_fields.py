@@ -58,7 +58,7 @@ def test_a_command_without_options_has_the_defaults_of_the_class(command):
     for field in option_fields(CLASSES[command]):
         if not field.option.part_of:
             value = given[field.name]
-            assert value == field.default or (not value and field.kind in ("names", "integers")), field.name
+            assert value == field.default or (not value and field.kind in ("names", "files", "integers")), field.name
 
 
 @pytest.mark.parametrize("size", [(2048, 1024), [2048, 1024], tuple(np.array([2048, 1024]))])
@@ -113,6 +113,8 @@ WRONG = [
     (BakeOptions, {"two_sided": 1}, "two_sided is 1; expected true or false"),
     (BakeOptions, {"only": (1,)}, "only is (1,); expected a list of names"),
     (BakeOptions, {"only": None}, "only is None; expected a list of names"),
+    (BakeOptions, {"occluder": (1,)}, "occluder is (1,); expected a list of paths of files"),
+    (BakeOptions, {"occluder": ""}, "occluder is ''; expected a list of paths of files"),
     (BakeOptions, {"up": "z"}, "up is 'z', but there is no ground; add ground, or omit up"),
     (BakeOptions, {"memory_limit": "1.5G"}, "memory_limit is '1.5G'; expected a whole number"),
     (SphereOptions, {"levels": ("2", "4")}, "levels is ('2', '4'); expected a list of whole numbers"),

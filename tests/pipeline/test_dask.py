@@ -143,6 +143,19 @@ def test_a_bake_that_is_split_has_the_same_bytes(two_workers, meshes, tmp_path, 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("how", [{"ship": "bytes"}, {"split": True}], ids=str)
+def test_the_files_that_options_name_go_along(two_workers, meshes, tmp_path, how):
+    wall = write_ring(tmp_path / "around" / "wall.obj", minor=0.9)
+    bake = BakeOptions(size=64, directions=128, occluder=wall)
+    alone = batch(meshes / "deep", tmp_path / "alone", bake=bake)
+    cluster = on(two_workers, meshes / "deep", tmp_path / "cluster", bake=bake, **how)
+    assert alone.passed
+    assert cluster.passed
+    made, expected = files(tmp_path / "cluster"), files(tmp_path / "alone")
+    assert {name: made[name] for name in expected} == expected
+
+
+@pytest.mark.slow
 def test_a_mesh_that_fails_costs_itself_alone(two_workers, meshes, tmp_path):
     write_ring(tmp_path / "in" / "whole.obj")
     (tmp_path / "in" / "broken.obj").write_text("f 1 2 3\n")

@@ -26,6 +26,7 @@ WRITTEN = {
     "levels": {"2,8,32": (2, 8, 32)},
     "max_distance": {"10%": "10%", "2.5": 2.5, 2.5: 2.5},
     "only": {"roof": ("roof",)},
+    "occluder": {"wall.obj": ("wall.obj",)},
     "bit_depth": {"16": "16", 16: "16"},
 }
 NUMBERS = {
@@ -63,7 +64,7 @@ def said_of(kind):
             yield field.name, 197, 197
         elif field.name == "levels":
             yield field.name, [3, 9], (3, 9)
-        elif hint == tuple[str, ...]:
+        elif option_field(kind, field.name).kind in ("names", "files"):
             yield field.name, ["roof", "wall *"], ("roof", "wall *")
 
 

@@ -165,7 +165,7 @@ OTHER = {
         "estimator": "mean", "shadow_size": 64, "backend": "ray", "unwrap": "xatlas", "padding": 2, "fill": "none",
         "bit_depth": "16", "normals": "flat", "crease_angle": 30.0, "target_error": 0.1, "instances": "share",
         "pack": "orm", "max_distance": 2.5, "cone": 90.0, "weight": "uniform", "texel_density": 9.0, "strength": 0.5,
-        "invert": True, "vertex_ao": "color",
+        "invert": True, "vertex_ao": "color", "occluder": ("wall.obj",),
     },
     SphereOptions: {
         "spheres": 8, "samples": 500, "seed": 1, "radius": "cover", "init": "kmeans++", "max_iterations": 5,
@@ -191,6 +191,40 @@ def test_the_order_changes_with_every_option_that_matters():
     specs += [replace(BOTH, **{name: value}) for name, value in others.items()]
     keys = {spec_key(Asset("rock", mesh, spec), Path("out")) for spec in specs}
     assert len(keys) == len(specs)
+
+
+def test_the_key_changes_with_every_byte_of_the_files_that_options_name(tmp_path):
+    mesh, around = write_ring(tmp_path / "ring.obj"), tmp_path / "around"
+    around.mkdir()
+    wall = obj_with_pictures(around).rename(around / "wall.obj")
+    asset = Asset("it", mesh, JobSpec(BakeOptions(occluder=wall)))
+
+    def found():
+        return result_key(spec_key(asset, Path("out")), InputFiles.of(mesh, asset.spec.files))
+
+    first = found()
+    assert set(InputFiles.of(mesh, asset.spec.files).files) == {
+        "ring.obj",
+        *(f"around/{name}" for name in ("wall.obj", "ring.mtl", "gone.mtl", "stone.png", "wood.png")),
+    }
+    for name in ("wall.obj", "ring.mtl", "stone.png"):
+        before = (around / name).read_bytes()
+        (around / name).write_bytes(before + b"\n")
+        assert found() != first
+        (around / name).write_bytes(before)
+    assert found() == first
+    wall.unlink()
+    assert found() != first
+
+
+def test_the_place_of_a_project_with_files_of_options_does_not_matter(tmp_path):
+    keys = set()
+    for place in ("a", "b"):
+        mesh, wall = write_ring(tmp_path / place / "ring.obj"), write_ring(tmp_path / place / "around" / "wall.obj")
+        asset = Asset("it", mesh, JobSpec(BakeOptions(occluder=wall)))
+        inputs = InputFiles.of(mesh, asset.spec.files)
+        keys.add(result_key(spec_key(asset, tmp_path / place / "out"), inputs))
+    assert len(keys) == 1
 
 
 @pytest.mark.parametrize("option", SAME)

@@ -1,5 +1,7 @@
 """Manifests: what they say of each asset, and what is said where they make no sense."""
 
+from pathlib import Path
+
 import pytest
 
 from aoprecalc.errors import UsageError
@@ -377,3 +379,10 @@ def test_a_manifest_from_another_folder_makes_what_it_says(tmp_path):
         "ring_ao.tif",
         "ring_report.json",
     ]
+
+
+def test_files_of_options_count_from_its_folder(planned, here):
+    text = 'inputs = ["props/*"]\n[bake]\noccluder = ["around/wall.obj", "/far/hill.obj"]\n'
+    found = {spec.bake.occluder for spec in specs(planned, text).values()}
+    assert len(found) == 1
+    assert [Path(path).resolve() for path in found.pop()] == [here / "around/wall.obj", Path("/far/hill.obj")]

@@ -22,6 +22,7 @@ from aoprecalc.io.outputs import write_json
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.notebook import figure, image
 from aoprecalc.options import BakeOptions, PreviewOptions, VerifyOptions, names_extensions
+from aoprecalc.options.fields import option_files
 from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.types import Baked, BoolArray, Float32Array, Picture
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
@@ -101,7 +102,7 @@ class BakeResult:
         plan = plan_bake(self.mesh.name, output, mesh_output, report, self._options)
         scene = self._baked.scene
         with Outputs() as outputs, TemporaryDirectory() as scratch:
-            outputs.protect(source_files(scene))
+            outputs.protect([*source_files(scene), *map(Path, option_files(self._options))])
             plan.claim(outputs)
             plan.claim_mesh(outputs, scene)
             written = plan.write(outputs, self._baked, Path(scratch))
@@ -307,7 +308,7 @@ def bake_file(
     if verify:
         require_embreex()
     with Outputs() if outputs is None else nullcontext(outputs) as outputs, TemporaryDirectory() as scratch:
-        outputs.protect([mesh])
+        outputs.protect([mesh, *map(Path, option_files(options))])
         plan.claim(outputs)
         if drawn is not None:
             drawn.claim(outputs)

@@ -22,6 +22,7 @@ from aoprecalc.api.reports import (
     UvSetCheck,
     VertexFit,
 )
+from aoprecalc.api.surroundings import with_surroundings
 from aoprecalc.api.texture_size import choose_texture, resolution_target
 from aoprecalc.api.vertex_ao import VertexErrors, fit_to_texture, vertex_errors
 from aoprecalc.errors import InputError, UsageError, counted
@@ -63,7 +64,7 @@ def bake_scene(
     """
     progress = progress or Progress()
     timer = timer or StageTimer(progress)
-    scene = assign_roles(scene, options, share=options.instances == "share")
+    scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
     normals = shading_normals(scene, options.normals, options.crease_angle)
     with open_backend(options, progress) as backend:
         backend.check_size(options)

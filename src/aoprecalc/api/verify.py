@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
+from aoprecalc.api.surroundings import files_beside, with_surroundings
 from aoprecalc.api.textured_surface import TexturedSurface, find_texture
 from aoprecalc.errors import UsageError, counted, one_or_many
 from aoprecalc.io import (
@@ -31,6 +32,7 @@ from aoprecalc.metrics.errors import (
     worst_points,
 )
 from aoprecalc.options import ValueOptions, VerifyOptions
+from aoprecalc.options.fields import option_files
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
@@ -194,16 +196,19 @@ def verify(
         outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
         for key, path in paths.items():
             claim_output(outputs, wanted[key][0], path)
+        value = files_beside(surface.options, surface.scene, picture.name)
+        outputs.protect(map(Path, option_files(value)))
+        scene = with_surroundings(surface.scene, value)
         normals = shading_normals(surface.scene, surface.options.normals, surface.options.crease_angle)
         with timer.stage("rays", options.points, "points"):
             verified = measure_texture(
-                surface.scene,
+                scene,
                 surface.atlas,
                 normals,
                 picture.values,
                 options,
                 progress,
-                value=surface.options,
+                value=value,
             )
         if "heat_map" in paths:
             with timer.stage("heat map"):

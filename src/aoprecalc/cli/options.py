@@ -220,8 +220,9 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         given |= {"is_flag": True, "default": field.default}
         if about.off:
             name, given["shown"] = f"{name}/{about.off}", about.default_text or about.off
-    elif field.kind == "names":
-        given |= {"multiple": True, "metavar": "NAME", "shown": about.default_text}
+    elif field.kind in ("names", "files"):
+        metavar = "NAME" if field.kind == "names" else "FILE"
+        given |= {"multiple": True, "metavar": metavar, "shown": about.default_text}
     else:
         default = field.default if about.quantity is None else _written_default(field, about.quantity)
         given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}
@@ -231,7 +232,7 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
             given["type"] = click.Choice(field.choices)
         elif about.range:
             given |= {"type": _number_type(field), "metavar": about.metavar or "N"}
-    repeated = "May be repeated." if field.kind == "names" else ""
+    repeated = "May be repeated." if field.kind in ("names", "files") else ""
     return option(
         *filter(None, (about.short, name)),
         field.name,

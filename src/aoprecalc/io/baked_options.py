@@ -6,11 +6,13 @@ The text of an image (see `images.py`) has it as JSON, in ASCII:
 
 An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`.
 
-glTF's occlusionTexture has the options in its `extras`, as the member "aoprecalc". Neither has paths, times or names of
-machines. What is read is not trusted: its size is bounded, and it is checked as options of the command line.
+glTF's occlusionTexture has the options in its `extras`, as the member "aoprecalc". Neither has times or
+names of machines, and of the paths of files they have the names only. What is read is not trusted: its size is bounded,
+and it is checked as options of the command line.
 """
 
 import json
+import os
 from dataclasses import asdict
 from typing import Any
 
@@ -21,6 +23,7 @@ from aoprecalc.errors import ArgumentError
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import MAX_TEXT
 from aoprecalc.options import ValueOptions
+from aoprecalc.options.fields import with_files
 from aoprecalc.types import Float32Array
 
 OPTIONS_SCHEMA = 1  # version of the JSON
@@ -32,7 +35,7 @@ def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
     """Return the JSON object of some options; None for no options, and where its text would be longer than MAX_TEXT."""
     if options is None:
         return None
-    document = {"schema": OPTIONS_SCHEMA, **asdict(options)}
+    document = {"schema": OPTIONS_SCHEMA, **asdict(with_files(options, os.path.basename))}
     return document if len(_json(document)) <= MAX_TEXT - 60 else None  # with room for the other members
 
 

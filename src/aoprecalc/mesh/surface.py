@@ -21,6 +21,7 @@ _FOLDED = 175.0  # degrees
 _MIN_FLATNESS = 1e-12
 _FAR = 8  # extents of a mesh between it and the origin, beyond which positions are stored about an origin of their own
 _MAX_FLOAT = 1e38  # of positions that nobody looks at
+_NO_TRIANGLES = np.zeros((0, 3, 3))
 _ZERO, _Z_AXIS = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -206,7 +207,9 @@ class NormalizedSurface:
         that: then it lies within 1/2 of the origin, and large occluders around it are cut, see `cut_by_distance`.
         """
         receiving = positions_of(scene, scene.receives)
-        center, radius = bounding_sphere(positions_of(scene, scene.receives | scene.occludes))
+        around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
+        shown = positions_of(scene, scene.receives | scene.occludes)
+        center, radius = bounding_sphere(np.concatenate([shown, around.reshape(-1, 3)]))
         own_center, own_radius = bounding_sphere(receiving)
         has_far_occluders = radius > 2 * own_radius
         if has_far_occluders:
@@ -216,7 +219,7 @@ class NormalizedSurface:
             scaled: Float64Array = (positions - center) / radius
             return scaled
 
-        occluders = normalized(opaque_triangles(scene))
+        occluders = normalized(np.concatenate([opaque_triangles(scene), around]))
         if has_far_occluders:
             occluders = cut_by_distance(occluders)
         return cls(
@@ -227,7 +230,7 @@ class NormalizedSurface:
             # Renderers and ray tracers need at least one triangle; this one has no area.
             occluders=occluders.astype(np.float32) if len(occluders) else np.zeros((1, 3, 3), np.float32),
             receiving_points=normalized(receiving).astype(np.float32),
-            has_outer_occluders=bool((scene.occludes & ~scene.receives).any()),
+            has_outer_occluders=bool((scene.occludes & ~scene.receives).any() or len(around)),
             ground_normal=scene.ground_normal,
             unit=radius,
         )

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import Option, Validated, documented, option_field, option_fields
+from aoprecalc.options.fields import FilePath, Option, Validated, documented, option_field, option_fields
 from aoprecalc.options.quantities import AUTO, BYTES, DISTANCE, SHADOW_SIZE, TEXTURE_SIZE
 
 Sampling = Literal["fibonacci", "random"]
@@ -63,6 +63,9 @@ CreaseAngleField = Annotated[float | None, _mesh(
 OnlyField = Annotated[tuple[str, ...], _scene("Parts that are baked; the others still occlude.", more=_NAMES)]
 ExcludeField = Annotated[tuple[str, ...], _scene(
     "Parts to leave out: they neither receive nor occlude.", more=_NAMES)]
+OccluderField = Annotated[tuple[FilePath, ...], _scene(
+    "A mesh file that occludes and is not baked: the surroundings, where the mesh will stand.",
+    more="It is placed as its own file says, in the units and axes of the mesh.")]
 OccludersOnlyField = Annotated[tuple[str, ...], _scene("Parts that occlude but are not baked.", more=_NAMES)]
 GlassOccludesField = Annotated[bool, _scene(
     "Transparent materials occlude too.",
@@ -89,6 +92,7 @@ class LightOptions(Validated):
     only: OnlyField = ()
     exclude: ExcludeField = ()
     occluders_only: OccludersOnlyField = ()
+    occluder: OccluderField = ()
     glass_occludes: GlassOccludesField = False
     all_parts: AllPartsField = False
     two_sided: TwoSidedField = False
@@ -271,6 +275,7 @@ class VerifyOptions(Validated):
     only: OnlyField | None = None
     exclude: ExcludeField | None = None
     occluders_only: OccludersOnlyField | None = None
+    occluder: OccluderField | None = None
     glass_occludes: GlassOccludesField | None = None
     all_parts: AllPartsField | None = None
     two_sided: TwoSidedField | None = None

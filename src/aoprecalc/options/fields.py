@@ -12,27 +12,35 @@ from functools import cache
 from inspect import get_annotations
 from math import inf, isfinite
 from numbers import Integral, Real
+from os import PathLike, fspath
 from textwrap import wrap
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, NewType, TypeVar, cast, get_args, get_origin
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.quantities import AUTO, BYTES, Quantity, read_distance
 
-Kind = Literal["flag", "choice", "names", "integers", "vector", "size", "distance", "integer", "number", "text"]
+FilePath = NewType("FilePath", str)  # of a file that decides the result, as the user gave it
+
+Kind = Literal[
+    "flag", "choice", "names", "files", "integers", "vector", "size", "distance", "file", "integer", "number", "text"
+]  # fmt: skip
 # Kind of value -> its type in docstrings, what is expected in messages.
 _WORDS: dict[Kind, tuple[str, str]] = {
     "flag": ("bool", "true or false"),
     "choice": ("{{{choices}}}", "one of {choices}"),
     "names": ("tuple of str", "a list of names"),
+    "files": ("tuple of str or path-like", "a list of paths of files"),
     "integers": ("tuple of int", "a list of whole numbers"),
     "vector": ("(float, float, float)", "three finite numbers, not all 0"),
     "size": ("int or (int, int){or_auto}", "a whole number{bounds}, or a width and a height{or_auto}"),
     "distance": ("float or str", "a length above 0, or a share of the diagonal such as '10%'"),
+    "file": ("str or path-like{or_keywords}", "the path of a file{or_keywords}"),
     "integer": ("int", "a whole number{bounds}"),
     "number": ("float", "a number{bounds}"),
     "text": ("str", "a text"),
 }
 OptionsClass = TypeVar("OptionsClass", bound=type[Any])
+OptionsT = TypeVar("OptionsT")
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,7 @@ class Option:
     metavar        placeholder of the value in `--help`; by default N, or the quantity's
     default_text   what the default stands for, where its value does not say it
     quantity       how the value is written as text, where that is not plain
+    keywords       texts that a file option takes instead of a path
     off            flag that switches it off
     part_of        option of the command line that sets this argument
     instead_of     option that this one takes the place of
@@ -64,6 +73,7 @@ class Option:
     metavar: str = ""
     default_text: str = ""
     quantity: Quantity | None = None
+    keywords: tuple[str, ...] = ()
     off: str = ""
     part_of: str = ""
     instead_of: str = ""
@@ -95,11 +105,11 @@ class OptionField:
         if origin is Literal:
             return "choice"
         if origin is tuple:
-            kinds_of_entries: dict[Any, Kind] = {str: "names", float: "vector"}
+            kinds_of_entries: dict[Any, Kind] = {str: "names", FilePath: "files", float: "vector"}
             return kinds_of_entries.get(arguments[0], "integers")
         if {float, str} <= {*arguments}:
             return "distance"
-        kinds: dict[Any, Kind] = {bool: "flag", int: "integer", float: "number", str: "text"}
+        kinds: dict[Any, Kind] = {bool: "flag", int: "integer", float: "number", str: "text", FilePath: "file"}
         return kinds.get(self.type, "size")
 
     @property
@@ -119,8 +129,13 @@ class OptionField:
         if self.option.range is not None:
             low, high = self.option.range
             bounds = f" above {low}, at most {high}" if self.option.above_min else f" from {low} to {high}"
-        or_auto = ", or 'auto'" if self.takes_auto else ""
-        return _WORDS[self.kind][1].format(bounds=bounds, choices=", ".join(self.choices), or_auto=or_auto)
+        return _WORDS[self.kind][1].format(bounds=bounds, choices=", ".join(self.choices), **self.alternatives)
+
+    @property
+    def alternatives(self) -> dict[str, str]:
+        """What is accepted beside its usual values, in words: `or_auto`, `or_keywords`."""
+        keywords = "".join(f", or {keyword!r}" for keyword in self.option.keywords)
+        return {"or_auto": f", or {AUTO!r}" if self.takes_auto else "", "or_keywords": keywords}
 
     def check(self, value: Any) -> Any:
         """Return a value as its type; NumPy's numbers become Python's, lists tuples. Raises ArgumentError."""
@@ -145,7 +160,7 @@ class OptionField:
         name = f"--{self.name.replace('_', '-')}"
         if self.kind == "flag":
             return [name] if value else [self.option.off]
-        if self.kind == "names":
+        if self.kind in ("names", "files"):
             return [word for entry in value for word in (name, entry)]
         return [name, self.option.quantity.write(value) if self.option.quantity else str(value)]
 
@@ -161,6 +176,10 @@ class OptionField:
             names = (value,) if isinstance(value, str) else tuple(value)
             if all(isinstance(name, str) for name in names):
                 return names
+        if self.kind == "file":
+            return _path(value)
+        if self.kind == "files":
+            return tuple(map(_path, (value,) if isinstance(value, str | PathLike) else value))
         if self.kind == "integers":
             return tuple(self._number(entry) for entry in value)
         if self.kind == "vector":
@@ -195,6 +214,16 @@ class OptionField:
         if not low <= value <= high or (self.option.above_min and value == low):
             raise ValueError
         return int(value) if whole else value if isinstance(value, int) else float(value)
+
+
+def _path(value: Any) -> str:
+    """Return a path as text; raises TypeError or ValueError."""
+    path = fspath(value)
+    if not isinstance(path, str):
+        raise TypeError
+    if not path:
+        raise ValueError
+    return path
 
 
 def _read_fields(kind: type) -> tuple[OptionField, ...]:
@@ -274,8 +303,8 @@ def details(field: OptionField) -> str:
 
 
 def _type_text(field: OptionField) -> str:
-    or_auto = " or 'auto'" if field.takes_auto else ""
-    text = _WORDS[field.kind][0].format(choices=", ".join(map(repr, field.choices)), or_auto=or_auto)
+    others = {name: text.removeprefix(",") for name, text in field.alternatives.items()}
+    text = _WORDS[field.kind][0].format(choices=", ".join(map(repr, field.choices)), **others)
     unit = f" ({field.option.unit})" if field.option.unit else ""
     return f"{text}{unit}{' or None' if field.optional and not field.init_only else ''}"
 
@@ -290,3 +319,29 @@ def as_words(options: Any) -> list[str]:
     given = {field: value for field, value in values.items() if value != field.default}
     replaced = {field.option.instead_of for field in given}
     return [word for field, value in given.items() if field.name not in replaced for word in field.words(value)]
+
+
+# Options that name files.
+
+
+def option_files(options: Any) -> tuple[str, ...]:
+    """Return the paths of the files that options name, each once."""
+    return tuple(dict.fromkeys(path for paths in named_files(options).values() for path in paths))
+
+
+def with_files(options: OptionsT, moved: Callable[[str], str]) -> OptionsT:
+    """Return options with `moved(path)` for the path of each file that they name."""
+    several = {field.name for field in option_fields(type(options)) if field.kind == "files"}
+    paths = {name: tuple(map(moved, found)) for name, found in named_files(options).items()}
+    changed: Any = {name: found if name in several else found[0] for name, found in paths.items()}
+    return replace(cast(Any, options), **changed)  # type: ignore[no-any-return]
+
+
+def named_files(options: Any) -> dict[str, tuple[str, ...]]:
+    """Return the paths that each option names; options that name none are left out."""
+    paths: dict[str, tuple[str, ...]] = {}
+    for field in option_fields(type(options)):
+        value = getattr(options, field.name, None)
+        if value and field.kind in ("file", "files") and value not in field.option.keywords:
+            paths[field.name] = value if field.kind == "files" else (value,)
+    return paths

@@ -187,12 +187,13 @@ def _describe_workers(client: Any, folder: str) -> dict[str, WorkerInfo]:
 
 def _read_inputs(job: Job) -> dict[str, bytes]:
     """Read the files that a job needs, path -> contents; files that are missing here are missing there, too."""
-    files = {}
-    with suppress(OSError):
-        files[str(job.mesh)] = job.mesh.read_bytes()
-        for path in input_files(job.mesh, files[str(job.mesh)])[1:]:
-            with suppress(OSError):
-                files[os.path.abspath(path)] = path.read_bytes()
+    files: dict[str, bytes] = {}
+    for named in (job.mesh, *job.spec.files):
+        with suppress(OSError):
+            files[str(named)] = named.read_bytes()
+            for path in input_files(named, files[str(named)])[1:]:
+                with suppress(OSError):
+                    files[os.path.abspath(path)] = path.read_bytes()
     return files
 
 

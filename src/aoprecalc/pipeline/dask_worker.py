@@ -136,7 +136,8 @@ def _run(request: Job | VisibilityTask, settings: BatchSettings) -> Any:
 def _rebased_job(job: Job, root: Path) -> Job:
     """Return the same job with all its paths below another root."""
     mesh, folder, staging = (_rebased(path, root) for path in (job.mesh, job.folder, job.staging))
-    return replace(job, mesh=mesh, folder=folder, staging=staging)
+    spec = job.spec.with_files(lambda path: str(_rebased(Path(path), root)))
+    return replace(job, mesh=mesh, folder=folder, staging=staging, spec=spec)
 
 
 def _rebased(path: Path, root: Path) -> Path:

@@ -15,6 +15,7 @@ from aoprecalc.errors import AoprecalcError, KilledError, option_name, system_fa
 from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import write_json
 from aoprecalc.options import BakeOptions, SphereOptions
+from aoprecalc.options.fields import option_files, with_files
 from aoprecalc.progress import Progress
 from aoprecalc.system import path_from
 from aoprecalc.types import Float32Array
@@ -37,6 +38,15 @@ class JobSpec:
     bake_output: tuple[str, ...] = (".png",)
     verify: bool = False
     spheres_output: tuple[str, ...] = (".json",)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that its options name."""
+        return () if self.bake is None else tuple(map(Path, option_files(self.bake)))
+
+    def with_files(self, moved: Callable[[str], str]) -> "JobSpec":
+        """Return the same spec with `moved(path)` for the path of each of these files."""
+        return self if self.bake is None else replace(self, bake=with_files(self.bake, moved))
 
     def with_threads(self, threads: int) -> "JobSpec":
         """Return the same spec with this many threads, unless it has a number of threads already."""
@@ -255,6 +265,7 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
     return replace(
         report,
         input=replace(report.input, path=path_from(job.mesh, job.folder)),
+        options=with_files(report.options, lambda path: path_from(Path(path), job.folder)),
         outputs=replace(
             outputs,
             texture=None if outputs.texture is None else Path(outputs.texture).name,

@@ -184,7 +184,8 @@ class Manifest:
             for entry in matching:
                 over_bake, over_spheres = entry.choices()
                 bake, spheres = _over(bake, over_bake, first[0]), _over(spheres, over_spheres, first[1])
-            return make_job_spec(arguments_of(bake), arguments_of(spheres))
+            spec = make_job_spec(arguments_of(bake), arguments_of(spheres))
+            return spec.with_files(lambda path: os.path.join(self.path.parent, path))
         except UsageError as error:
             message = error.worded(key_name) if isinstance(error, ArgumentError) else str(error)
             raise UsageError(f"{self.path}, for {mesh}: {message}") from error

@@ -31,6 +31,8 @@ def _type_of(field: OptionField) -> Any:
     types: dict[str, Any] = {
         "flag": bool,
         "names": list[str] | str,
+        "files": list[str] | str,
+        "file": str,
         "integers": list[int],
         "number": int | float,
         "distance": int | float,

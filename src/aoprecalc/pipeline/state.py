@@ -11,7 +11,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -84,20 +84,23 @@ def file_digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class InputFiles:
-    """The files that an asset is made from, the mesh first: path relative to the mesh's folder -> stamp."""
+    """The files that an asset is made from, the mesh first: path from the mesh's folder -> stamp."""
 
     files: dict[str, FileStamp]
 
     @classmethod
-    def of(cls, mesh: Path) -> Self:
-        """Stamp a mesh and all files that it refers to."""
-        try:
-            data = mesh.read_bytes()
-        except OSError:
-            return cls({mesh.name: FileStamp(-1, None, "")})
-        paths = input_files(mesh, data)
-        stamps = {_relative(path, mesh): FileStamp.of(path) for path in paths[1:]}
-        return cls({mesh.name: FileStamp.of(mesh, data), **stamps})
+    def of(cls, mesh: Path, others: Iterable[Path] = ()) -> Self:
+        """Stamp a mesh, the files that the options name, and all files that these refer to."""
+        stamps: dict[str, FileStamp] = {}
+        for path in (mesh, *others):
+            try:
+                data = path.read_bytes()
+            except OSError:
+                stamps[_relative(path, mesh)] = FileStamp(-1, None, "")
+                continue
+            stamps[_relative(path, mesh)] = FileStamp.of(path, data)
+            stamps |= {_relative(file, mesh): FileStamp.of(file) for file in input_files(path, data)[1:]}
+        return cls(stamps)
 
     def match(self, mesh: Path) -> bool:
         """Tell by sizes and times whether all files are certainly unchanged."""
@@ -114,18 +117,19 @@ class InputFiles:
 
 def spec_key(asset: Asset, output: Path) -> str:
     """Return a digest of everything but the input files that decides an asset's results."""
+    spec = asset.spec.with_files(lambda path: _relative(Path(path), asset.mesh))
     return _digest(
         {
             "version": __version__,
             "unwrappers": _unwrappers(),
             "mesh": asset.mesh.name,
             "stem": asset.stem,
-            "bake": _relevant_options(asset.spec.bake),
-            "spheres": _relevant_options(asset.spec.spheres),
+            "bake": _relevant_options(spec.bake),
+            "spheres": _relevant_options(spec.spheres),
             "others": [
-                asset.spec.bake_output,
-                asset.spec.verify,
-                asset.spec.spheres_output,
+                spec.bake_output,
+                spec.verify,
+                spec.spheres_output,
             ],
             # results refer to the mesh and to files beside it by paths relative to their own folder
             "way": path_from(asset.mesh.parent, output / asset.folder),

@@ -277,7 +277,7 @@ class ResultStore(AbstractContextManager["ResultStore"]):
             current = record
         if current is not None and current.inputs.match(asset.mesh):
             return AssetResult(asset, "unchanged", tuple(current.outputs), current.summary)
-        inputs = InputFiles.of(asset.mesh)
+        inputs = InputFiles.of(asset.mesh, asset.spec.files)
         if current is not None and current.inputs.same_contents(inputs):
             with suppress(OSError):  # without the new times, the next batch reads the files again
                 self._state.put(asset.name, AssetRecord(key, inputs, current.outputs, current.summary))
@@ -300,7 +300,7 @@ class ResultStore(AbstractContextManager["ResultStore"]):
             folder=Path(os.path.abspath(folder)),
             stem=asset.stem,
             staging=Path(os.path.abspath(staging)),
-            spec=asset.spec.with_threads(threads),
+            spec=asset.spec.with_threads(threads).with_files(os.path.abspath),
             scheduler=self._options.scheduler if self._options.split else None,
         )
 
@@ -309,7 +309,7 @@ class ResultStore(AbstractContextManager["ResultStore"]):
         try:
             if isinstance(outcome, Failure):
                 return _failed(pending.asset, outcome)
-            if not InputFiles.of(pending.asset.mesh).same_contents(pending.inputs):
+            if not InputFiles.of(pending.asset.mesh, pending.asset.spec.files).same_contents(pending.inputs):
                 message = f"{job.label}: was changed while it was worked on; run the batch again"
                 return _failed(pending.asset, Failure("error", message, seconds=outcome.seconds))
             self._add_to_cache(pending, outcome)

@@ -144,8 +144,8 @@ def first_look(
 ) -> tuple[Int32Array, Float32Array]:
     """Measure an atlas coarsely, from the front: the face at each texel or -1, and its ambient occlusion, (h, w) each.
 
-    The same for both backends where rays can be traced, and without the ground, so that bakes with other options have
-    the same UVs, and can be compared.
+    The same for both backends where rays can be traced, and without the ground and the surroundings, so that bakes with
+    other options have the same UVs, and can be compared.
     """
     coarse = replace(
         options,
@@ -163,7 +163,8 @@ def first_look(
     if embreex_problem() is None:
         backend = RayBackend(options.threads)
     parts = tuple(replace(part, two_sided=False) for part in scene.parts)
-    setup = BakeSetup(backend, BakeInputs(replace(scene, parts=parts, ground_normal=None), atlas, normals, coarse))
+    alone = replace(scene, parts=parts, ground_normal=None, surroundings=None)
+    setup = BakeSetup(backend, BakeInputs(alone, atlas, normals, coarse))
     faces: Int32Array = np.full((_LOOK_SIZE, _LOOK_SIZE), -1, np.int32)
     values: Float32Array = np.zeros(faces.shape, np.float32)
     for side in setup.sides:  # the front in each pass
