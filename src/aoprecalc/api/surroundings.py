@@ -17,10 +17,14 @@ from aoprecalc.types import Float64Array, Scene
 
 
 def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
-    """Return the scene with the triangles of the files that occlude it.
+    """Return the scene with the triangles of the files that occlude it, and with warnings and notes about these files.
 
-    Of these files the finest level of detail counts, without collision hulls and, unless `glass_occludes`, without
-    transparent materials. Raises InputError where one of them cannot be used.
+    scene     with the roles of its parts; see `assign_roles`
+    options   `occluder` names the files, each in the units and axes of the scene. Of a file its finest level of detail
+              counts, without collision hulls unless `all_parts`, and without transparent materials unless
+              `glass_occludes`; alpha masks have their holes
+
+    Raises InputError where a file is missing, damaged or has no faces, UsageError for an unknown extension.
     """
     if not options.occluder:
         return scene
@@ -61,7 +65,11 @@ def _differences(scene: Scene, other: Scene) -> Iterator[str]:
 def files_beside(options: ValueOptions, scene: Scene, texture: str) -> ValueOptions:
     """Return the options of a bake with paths for the names of files, which are all that its texture has.
 
-    The files are looked for beside the mesh. Raises InputError where one is neither there nor at the path itself.
+    options   as a texture says them, or as they were given, with paths
+    scene     the mesh, beside which the files are looked for
+    texture   its name, for messages
+
+    Raises InputError where a file is neither there nor at the path itself.
     """
     found = with_files(options, lambda name: _beside(name, scene.path.parent))
     for option, paths in named_files(found).items():
