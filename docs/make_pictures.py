@@ -188,6 +188,15 @@ def occlusion(_: Path) -> Picture:
     return contact_sheet(list(zip(views, named, strict=True)), 3)
 
 
+def ground_height(folder: Path) -> Picture:
+    """The statue on the ground, above it, and in it."""
+    options = {"ground": True, "max_distance": "40%", "falloff": "smooth", "size": 512}
+    kinds: list[dict] = [{}, {"ground_height": -0.5}, {"ground_height": 0.4}]
+    results = [baked(folder / "statue.obj", **options, **kind) for kind in kinds]
+    named = [f"--ground {option_words(kind)}" for kind in kinds]
+    return contact_sheet([(drawn(result), name) for result, name in zip(results, named, strict=True)], 3)
+
+
 def vertex_values(_: Path) -> Picture:
     """A ball on a floor with its texture, with fitted values at the vertices and with sampled ones."""
     ball = trimesh.creation.icosphere(2)
@@ -387,8 +396,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, vertex_values, sides, borders, figures, sphere_figures, three, report,
-            report_batch)  # fmt: skip
+            dark, leaks, occlusion, ground_height, vertex_values, sides, borders, figures, sphere_figures, three,
+            report, report_batch)  # fmt: skip
 
 
 def main() -> None:

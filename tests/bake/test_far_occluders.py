@@ -8,9 +8,10 @@ import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.checks import form_factor
-from aoprecalc.mesh import surface
+from aoprecalc.mesh import normalized_surface
+from aoprecalc.mesh.normalized_surface import cut_by_distance
 from aoprecalc.mesh.roles import assign_roles, baked_apart
-from aoprecalc.mesh.surface import area_vectors, cut_by_distance, sample_surface
+from aoprecalc.mesh.surface import area_vectors, sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.visibility import map_error
@@ -131,7 +132,7 @@ def test_scale_and_place_change_nothing(backend, scale, shift):
 
 
 def test_pieces_cover_what_was_cut_and_are_small_for_their_distance(monkeypatch):
-    monkeypatch.setattr(surface, "_MAX_REACH", 1e300)
+    monkeypatch.setattr(normalized_surface, "_MAX_REACH", 1e300)
     positions, faces = surroundings(5)
     whole = positions[faces] @ TURN.T / 3
     pieces = cut_by_distance(whole)

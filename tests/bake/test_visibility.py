@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from aoprecalc.mesh.surface import NormalizedSurface, shading_normals
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, build_layout

@@ -116,6 +116,7 @@ WRONG = [
     (BakeOptions, {"occluder": (1,)}, "occluder is (1,); expected a list of paths of files"),
     (BakeOptions, {"occluder": ""}, "occluder is ''; expected a list of paths of files"),
     (BakeOptions, {"up": "z"}, "up is 'z', but there is no ground; add ground, or omit up"),
+    (BakeOptions, {"ground_height": 0}, "ground_height is 0, but there is no ground; add ground"),
     (BakeOptions, {"memory_limit": "1.5G"}, "memory_limit is '1.5G'; expected a whole number"),
     (SphereOptions, {"levels": ("2", "4")}, "levels is ('2', '4'); expected a list of whole numbers"),
     (VerifyOptions, {"rays": 4}, "rays is 4; expected a whole number from 64 to"),

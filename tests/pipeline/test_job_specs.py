@@ -32,6 +32,7 @@ WRITTEN = {
 NUMBERS = {
     "crease_angle": 30.5,
     "cone": 120,
+    "ground_height": -2.5,
     "strength": 0.5,
     "target_error": 0.01,
     "tolerance": 0.05,
@@ -72,6 +73,8 @@ def beside(key, value):
     """What has to be said, too, for an option to mean something."""
     if key == "falloff" and value != "none":
         return {"max_distance": 2.5}
+    if key == "ground_height":
+        return {"ground": True}
     return {"ground": True} if key == "up" and value != "auto" else {}
 
 

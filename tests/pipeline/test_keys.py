@@ -176,7 +176,13 @@ SAME = {"threads": 2, "memory_limit": 1 << 30, "unwrap_timeout": 60.0}
 
 
 def test_every_option_is_thought_of():
-    assert {field.name for field in fields(BakeOptions)} == {*OTHER[BakeOptions], *SAME, "up", "falloff"}
+    assert {field.name for field in fields(BakeOptions)} == {
+        *OTHER[BakeOptions],
+        *SAME,
+        "up",
+        "falloff",
+        "ground_height",
+    }
     assert {field.name for field in fields(SphereOptions)} == {*OTHER[SphereOptions]}
 
 
@@ -186,6 +192,7 @@ def test_the_order_changes_with_every_option_that_matters():
     specs += [replace(BOTH, bake=BakeOptions(**{name: value})) for name, value in OTHER[BakeOptions].items()]
     specs += [replace(BOTH, bake=BakeOptions(ground=True, up="x")), replace(BOTH, bake=BakeOptions(size="auto"))]
     specs += [replace(BOTH, bake=BakeOptions(max_distance=2.5, falloff="linear"))]
+    specs += [replace(BOTH, bake=BakeOptions(ground=True, ground_height=height)) for height in (0, 1)]
     specs += [replace(BOTH, spheres=SphereOptions(**{name: value})) for name, value in OTHER[SphereOptions].items()]
     others = {"bake_output": (".exr", ".glb"), "verify": True, "spheres_output": (".csv",)}
     specs += [replace(BOTH, **{name: value}) for name, value in others.items()]

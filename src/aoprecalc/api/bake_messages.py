@@ -64,6 +64,7 @@ def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]
             f"{counted(atlas.charts, 'chart')}, and room for gutters of {gutters} only: charts may mix "
             "from mip level 1 on. Use a larger --size for wider gutters."
         )
+    lines += _warnings_on_buried(scene, texels)
     return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options, surroundings)]
 
 
@@ -191,6 +192,19 @@ def _parts_with_few_texels(baked: Baked, texels: Float64Array) -> Iterator[tuple
             places = inside[part.faces][mapped].reshape(-1, 2)
             if np.ptp(bilinear(baked.texture.values, places, repeats=atlas.repeats)) > _ONE_VALUE:
                 yield part.name, own
+
+
+def _warnings_on_buried(scene: Scene, texels: Float64Array) -> list[str]:
+    """Warn of what lies below the ground; `texels` are the (f,) areas of the faces in the texture."""
+    if scene.ground_normal is None or scene.ground_height is None:
+        return []
+    heights = scene.corners @ np.asarray(scene.ground_normal)
+    share = float(texels @ (heights.mean(axis=1) < scene.ground_height)) / max(float(texels.sum()), 1e-30)
+    if share < _MIN_CAUSE:
+        return []
+    lowest = float(heights[scene.receives].min())
+    found = f"{share:.1%} of texels lie below the ground at {scene.ground_height:g} and are dark"
+    return [f"{found}; the lowest point is at {lowest:g}, use a --ground-height of at most that"]
 
 
 def _notes_on_ground(baked: Baked) -> list[Note]:

@@ -227,6 +227,7 @@ class BakedMesh(Mesh):
             warnings=(),
             notes=(),
             ground_normal=None,
+            ground_height=None,
         )
         return cls._of(own, mesh.vertices, mesh.faces, mesh.name, baked.texture.values, baked.options)
 

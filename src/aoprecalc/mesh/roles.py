@@ -34,7 +34,12 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     parts = [_with_roles(part, options) for part in scene.parts]
     if not any(part.receives for part in parts):
         raise _nothing_to_bake(scene, options)
-    return replace(scene, parts=_with_shares(parts, share), ground_normal=_ground_normal(scene, options))
+    return replace(
+        scene,
+        parts=_with_shares(parts, share),
+        ground_normal=_ground_normal(scene, options),
+        ground_height=options.ground_height,
+    )
 
 
 def _with_roles(part: Part, options: LightOptions) -> Part:

@@ -1,15 +1,11 @@
-"""A surface: its normals, its occluders at the scale at which visibility is computed, and random points on it."""
+"""A surface: its normals, its extent, and random points on it."""
 
-import math
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.mesh.masked_triangles import cut_triangles
-from aoprecalc.mesh.opaque_triangles import opaque_triangles
 from aoprecalc.mesh.topology import adjacent_half_edges, joined_faces
 from aoprecalc.options import Normals
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
@@ -20,8 +16,6 @@ _FOLDED = 175.0  # degrees
 # Twice the area of a face over its longest edge squared, below which doubles cannot tell its direction.
 _MIN_FLATNESS = 1e-12
 _FAR = 8  # extents of a mesh between it and the origin, beyond which positions are stored about an origin of their own
-_MAX_FLOAT = 1e38  # of positions that nobody looks at
-_NO_TRIANGLES = np.zeros((0, 3, 3))
 _ZERO, _Z_AXIS = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -173,101 +167,6 @@ def _unit(vectors: Float64Array, empty: tuple[float, float, float] = _Z_AXIS) ->
     return np.where(largest > 0, normalize(vectors / np.where(largest > 0, largest, 1.0)), empty)
 
 
-@dataclass(frozen=True, eq=False)
-class NormalizedSurface:
-    """What receives light within 1 of the origin, where 32-bit floats resolve 1e-7, and what stops it.
-
-    positions          (v, 3) float32; those that do not receive may lie farther away
-    faces              (f, 3) int32 into positions
-    shading_normals    (f, 3, 3) float32: the unit shading normals n at the corners
-    geometric_normals  (f, 3) float32: the unit geometric normals g, zero for faces without area
-    occluders          (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light, within 1 of the origin
-                       too, or far from it: see `from_scene`
-    receiving_points   (r, 3) float32: the positions that receive
-    has_outer_occluders   something occludes that does not receive, and so may reach beyond the receiving points
-    ground_normal      the unit vector away from the infinite ground plane; None where there is none
-    unit               the length of 1 in the units of the mesh
-    """
-
-    positions: Float32Array
-    faces: Int32Array
-    shading_normals: Float32Array
-    geometric_normals: Float32Array
-    occluders: Float32Array
-    receiving_points: Float32Array
-    has_outer_occluders: bool
-    ground_normal: tuple[float, float, float] | None
-    unit: float
-
-    @classmethod
-    def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
-        """Normalize a scene with (f, 3, 3) shading normals.
-
-        All that receives or occludes lies within 1 of the origin, unless what receives would be smaller than half of
-        that: then it lies within 1/2 of the origin, and large occluders around it are cut, see `cut_by_distance`.
-        """
-        receiving = positions_of(scene, scene.receives)
-        around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
-        shown = positions_of(scene, scene.receives | scene.occludes)
-        center, radius = bounding_sphere(np.concatenate([shown, around.reshape(-1, 3)]))
-        own_center, own_radius = bounding_sphere(receiving)
-        has_far_occluders = radius > 2 * own_radius
-        if has_far_occluders:
-            center, radius = own_center, 2 * own_radius
-
-        def normalized(positions: Float64Array) -> Float64Array:
-            scaled: Float64Array = (positions - center) / radius
-            return scaled
-
-        occluders = normalized(np.concatenate([opaque_triangles(scene), around]))
-        if has_far_occluders:
-            occluders = cut_by_distance(occluders)
-        return cls(
-            positions=np.clip(normalized(scene.positions), -_MAX_FLOAT, _MAX_FLOAT).astype(np.float32),
-            faces=scene.faces,
-            shading_normals=shading,
-            geometric_normals=geometric_normals(scene, shading),
-            # Renderers and ray tracers need at least one triangle; this one has no area.
-            occluders=occluders.astype(np.float32) if len(occluders) else np.zeros((1, 3, 3), np.float32),
-            receiving_points=normalized(receiving).astype(np.float32),
-            has_outer_occluders=bool((scene.occludes & ~scene.receives).any() or len(around)),
-            ground_normal=scene.ground_normal,
-            unit=radius,
-        )
-
-    def is_below_ground(self, directions: NDArray[np.floating]) -> BoolArray:
-        """Return which of (..., 3) directions point down to the ground plane; horizontal ones do not."""
-        below: BoolArray = np.zeros(directions.shape[:-1], bool)
-        return (
-            below if self.ground_normal is None else directions @ np.asarray(self.ground_normal, directions.dtype) < 0
-        )
-
-    @property
-    def ground_height(self) -> float:
-        """The height of the ground plane along its normal, in normalized units: the lowest point is on it."""
-        up = np.asarray(self.ground_normal)
-        return float(min((self.receiving_points @ up).min(), (self.occluders @ up).min()))
-
-    def flipped(self) -> Self:
-        """Return the surface with its other side in front."""
-        return replace(self, shading_normals=-self.shading_normals, geometric_normals=-self.geometric_normals)
-
-    def interpolate(
-        self, faces: NDArray[np.integer], weights: NDArray[np.floating]
-    ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return positions, n and g, (k, 3) float64 each, at k points: their faces and (k, 3) barycentric weights.
-
-        Where n would be on the other side of the surface (n.g <= 0) it is g.
-        """
-        weights = weights.astype(np.float64)
-        positions = np.einsum("kc,kcx->kx", weights, self.positions[self.faces[faces]])
-        geometric = self.geometric_normals[faces].astype(np.float64)
-        shading = np.einsum("kc,kcx->kx", weights, self.shading_normals[faces])
-        opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
-        shading[opposed] = geometric[opposed]
-        return positions, normalize(shading), geometric
-
-
 def positions_of(scene: Scene, chosen: BoolArray) -> Float64Array:
     """Return the positions, (r, 3), of the faces in `chosen`, (f,) bool."""
     return scene.positions if chosen.all() else scene.positions[np.unique(scene.faces[chosen])]
@@ -285,59 +184,6 @@ def bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
     center: Float64Array = (positions.min(axis=0) + positions.max(axis=0)) / 2
     radius = float(np.sqrt(((positions - center) ** 2).sum(axis=1).max()))
     return center, radius if radius > 0 else 1.0
-
-
-# Occluders around what receives.
-
-_NEST = 4.0  # sides of a box over those of the next smaller one
-# Of triangles along each axis: seen from there, what receives is a point, and 32-bit floats resolve a map texel.
-_MAX_REACH = 4096.0
-
-
-def cut_by_distance(triangles: Float64Array) -> Float64Array:
-    """Cut triangles, (o, 3, 3), so that each is near the origin or not much larger than its distance from it.
-
-    32-bit floats resolve a triangle to 1e-7 of its size: of a floor of 10,000 units that is more than the gap between
-    it and what stands on it. So it is cut at the faces of nested boxes about the origin, of which the smallest reaches
-    to 1 along the axes; what touches a box and reaches beyond the next one is cut. Corners beyond 4096 are moved
-    straight towards the origin, from where everything looks the same.
-    """
-    near = np.maximum(triangles.min(axis=1), -triangles.max(axis=1)).max(axis=1)  # of the bounding box, at most
-    far = np.abs(triangles).max(axis=(1, 2))
-    large = far > _NEST * np.maximum(near, 1)
-    kept, large_ones = [triangles[~large]], triangles[large]
-    boxes = math.ceil(math.log(far[large].max(initial=1.0), _NEST))
-    for size in _NEST ** np.arange(boxes)[::-1]:
-        touching = (large_ones.min(axis=1) < size).all(axis=1) & (large_ones.max(axis=1) > -size).all(axis=1)
-        cut = touching & (np.abs(large_ones).max(axis=(1, 2)) > _NEST * size)
-        kept.append(large_ones[~touching])
-        waiting, inside = large_ones[touching & ~cut], large_ones[cut]
-        for axis in range(3):
-            for sign in (1, -1):
-                inside, outside = _split(inside, sign * inside[:, :, axis] - size)
-                kept.append(outside)
-        large_ones = np.concatenate([waiting, inside])
-    pieces = np.concatenate([*kept, large_ones])
-    reach = np.abs(pieces).max(axis=2, keepdims=True)
-    nearer: Float64Array = pieces * (_MAX_REACH / np.maximum(reach, _MAX_REACH))
-    return nearer
-
-
-def _split(triangles: Float64Array, values: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Cut (m, 3, 3) triangles where linear values at their corners, (m, 3), are zero; return negative and positive."""
-    negative, positive = (values <= 0).all(axis=1), (values >= 0).all(axis=1)
-    crossed = ~negative & ~positive
-    order, shares = cut_triangles(values[crossed])
-    one, *others = np.take_along_axis(triangles[crossed], order[:, :, None], axis=1).transpose(1, 0, 2)
-    first, second = (one + share[:, None] * (other - one) for share, other in zip(shares.T, others, strict=True))
-    single = np.stack([one, first, second], axis=1)
-    rest = np.stack([first, others[0], others[1], first, others[1], second], axis=1).reshape(-1, 3, 3)
-    above = values[crossed, order[:, 0]] >= 0
-    below_twice = np.repeat(~above, 2)
-    return (
-        np.concatenate([triangles[negative], single[~above], rest[~below_twice]]),
-        np.concatenate([triangles[positive & ~negative], single[above], rest[below_twice]]),
-    )
 
 
 # Points uniform on a surface: a face by its area, then a point in the face (Précalcul, section 1.2.1).

@@ -6,8 +6,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.roles import baked_apart
-from aoprecalc.mesh.surface import NormalizedSurface, SurfacePoints
+from aoprecalc.mesh.surface import SurfacePoints
 from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear, mip_chain

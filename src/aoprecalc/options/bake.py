@@ -74,6 +74,9 @@ TwoSidedField = Annotated[bool, _scene(
     "Take the lighter value of the two sides of every face.",
     more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
 GroundField = Annotated[bool, _scene("Put the scene on an endless ground plane: no light comes from below.")]
+GroundHeightField = Annotated[float | None, _scene(
+    "Height of the ground of `ground` along the axis that points up.", range=(-1_000_000_000, 1_000_000_000),
+    unit="units of the mesh", metavar="X", default_text="the lowest point", more="What lies below the ground is dark.")]
 UpField = Annotated[Up, _scene("Axis that points up from the ground of `ground`. auto: y; z for STL, or as USD says.")]
 AllPartsField = Annotated[bool, _scene(
     "Treat levels of detail and collision hulls as ordinary parts.",
@@ -97,6 +100,7 @@ class LightOptions(Validated):
     all_parts: AllPartsField = False
     two_sided: TwoSidedField = False
     ground: GroundField = False
+    ground_height: GroundHeightField = None
     up: UpField = "auto"
 
     def __post_init__(self) -> None:
@@ -105,6 +109,10 @@ class LightOptions(Validated):
         if self.up != "auto" and not self.ground:
             raise ArgumentError(
                 "up", f"is {self.up!r}, but there is no ground; add {{ground}}, or omit {{up}}", "ground", "up"
+            )
+        if self.ground_height is not None and not self.ground:
+            raise ArgumentError(
+                "ground_height", f"is {self.ground_height:g}, but there is no ground; add {{ground}}", "ground"
             )
 
 
@@ -280,6 +288,7 @@ class VerifyOptions(Validated):
     all_parts: AllPartsField | None = None
     two_sided: TwoSidedField | None = None
     ground: GroundField | None = None
+    ground_height: GroundHeightField | None = None
     up: UpField | None = None
 
     def value_options(self, baked: ValueOptions | None = None) -> ValueOptions:
@@ -302,5 +311,5 @@ class VerifyOptions(Validated):
         names = [field.name for field in option_fields(ValueOptions) if hasattr(self, field.name)]
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
         if given.get("ground") is False:
-            given.setdefault("up", "auto")
+            given = {"up": "auto", "ground_height": None} | given
         return replace(baked or ValueOptions(), **given)

@@ -24,7 +24,7 @@ from aoprecalc.render.shadow import (
     sky_directions,
 )
 from aoprecalc.render.visible_surface import Fragments, RayDrawer, SphereDrawer, SurfaceDrawer, fragments
-from aoprecalc.types import Float32Array, Float64Array, Int32Array, Picture, TexturedMesh
+from aoprecalc.types import Float32Array, Float64Array, Int32Array, Picture, Scene, TexturedMesh
 from aoprecalc.visibility.backend import GLBackend, open_renderer_or_rays
 
 Spheres = tuple[Float64Array, Float64Array]
@@ -41,6 +41,7 @@ _MIN_VIEW_RISE = 0.02  # of the camera's direction above the ground, where there
 _CENTER, _CORNER = np.array([0.92, 0.92, 0.915], np.float32), np.array([0.76, 0.77, 0.775], np.float32)  # backdrop
 _KEY_SHARE, _SKY_SHARE = 0.38, 0.52  # of the ground's light
 _GROUND_KEY_SHARE, _GROUND_SKY_SHARE = 0.56, 0.34  # where shadows are compared
+_ON_GROUND = 1e-4  # below the ground, up to which the mesh is seen
 _GLASS = np.float32(0.35)  # opacity of parts that light passes through
 _OVER, _RIM = 0.36, 0.54  # opacity of spheres over the mesh where one looks straight at them, and what rims add
 _MAX_BEHIND = 0.3  # radii behind the mesh's surface at which they are hidden
@@ -105,7 +106,7 @@ def open_stage(
     near = [np.linalg.norm(centers, axis=1) + sizes <= REACH for centers, sizes in balls]
     framed = [(centers[chosen], sizes[chosen]) for (centers, sizes), chosen in zip(balls, near, strict=True)]
     points = _bounds(frame.points(mesh.scene.positions), framed)
-    ground = float(points[:, 1].min())
+    ground = _ground_height(mesh.scene, frame, points)
     azimuths = _azimuths(options)
     lights = [_light(azimuth, options.ground) for azimuth in azimuths]
     views = []
@@ -117,7 +118,7 @@ def open_stage(
     cameras = frame_views(views, width, options.height)
     window = shadow_window(points, ground, lights)
     sphere_drawers = [SphereDrawer(*ball) for ball in balls]
-    with open_drawers(drawn, options, progress) as (drawer, glass):
+    with open_drawers(drawn, options, progress, ground) as (drawer, glass):
         yield Stage(
             frame,
             drawn,
@@ -135,11 +136,25 @@ def open_stage(
         )
 
 
+def _ground_height(scene: Scene, frame: PictureFrame, points: Float64Array) -> float:
+    """Return the height of the ground in a picture: where it was in the bake, else that of the lowest of the points."""
+    lowest = float(points[:, 1].min())
+    if scene.ground_normal is None or scene.ground_height is None:
+        return lowest
+    up = np.asarray(scene.ground_normal)
+    if frame.rotation[1] @ up < 1:  # the picture has another axis upwards
+        return lowest
+    return float(frame.points(scene.ground_height * up)[1])
+
+
 @contextmanager
 def open_drawers(
-    mesh: PictureMesh, options: PreviewOptions, progress: Progress
+    mesh: PictureMesh, options: PreviewOptions, progress: Progress, ground: float
 ) -> Iterator[tuple[SurfaceDrawer, SurfaceDrawer | None]]:
-    """Open what draws the mesh, and its glass, if any: OpenGL or rays, as the options ask for."""
+    """Open what draws the mesh, and its glass, if any: OpenGL or rays, as the options ask for.
+
+    What lies below the ground casts no shadow.
+    """
     with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
 
         def drawer(corners: Float32Array, casters: Float32Array) -> SurfaceDrawer:
@@ -147,7 +162,8 @@ def open_drawers(
                 return RayDrawer(corners, casters, options.threads)
             return TriangleDrawer(renderer, corners, casters)
 
-        opaque = drawer(mesh.opaque.corners, simplified(mesh.opaque.corners))
+        above = mesh.opaque.corners[(mesh.opaque.corners[:, :, 1] >= ground).any(axis=1)]
+        opaque = drawer(mesh.opaque.corners, simplified(above if len(above) else mesh.opaque.corners[:1]))
         yield opaque, None if mesh.glass is None else drawer(mesh.glass.corners, mesh.glass.corners[:1])
         if renderer is not None:
             GLBackend(renderer).check_errors()
@@ -261,7 +277,10 @@ class Stage:
         if panel.mesh:
             seen = self._fragments(self.mesh_drawer, camera, self.mesh.opaque.face_of)
             colors, along = shade(self.mesh, seen, camera, light, self.options.shading)
-            _composite(linear, colors, seen.pixel, seen.weight)
+            weight = seen.weight
+            if shadow is not None and shadow.height > self.points[:, 1].min():
+                weight = np.where(_heights(seen, along, camera) < shadow.height - _ON_GROUND, np.float32(0), weight)
+            _composite(linear, colors, seen.pixel, weight)
             depth = _nearest(along, seen, len(linear))
         if panel.mesh and self.mesh.glass is not None and self.glass_drawer is not None:
             seen = self._fragments(self.glass_drawer, camera, self.mesh.glass.face_of)
@@ -275,8 +294,7 @@ class Stage:
                 behind = np.clip((along - depth[seen.pixel]) / _MAX_BEHIND, 0, 1)
                 weight = weight * (_OVER + _RIM * (1 - facing) ** 2) * (1 - behind)
             if shadow is not None:
-                height = camera.eye[1] + along * camera.rays(seen.x, seen.y + camera.rows[0])[:, 1]
-                weight = np.where(height < shadow.height, 0, weight)
+                weight = np.where(_heights(seen, along, camera) < shadow.height, 0, weight)
             _composite(linear, colors, seen.pixel, weight.astype(np.float32))
         return encode(linear).reshape(*camera.shape, 3)
 
@@ -287,6 +305,12 @@ class Stage:
         indices = drawer.visible(camera.clip_matrix(self.points), width * samples, height * samples)
         seen = fragments(indices, samples)
         return seen if face_of is None else replace(seen, index=face_of[seen.index])
+
+
+def _heights(seen: Fragments, along: Float32Array, camera: Camera) -> Float64Array:
+    """Return the heights of fragments, (k,), at the depths `along`."""
+    heights: Float64Array = camera.eye[1] + along * camera.rays(seen.x, seen.y + camera.rows[0])[:, 1]
+    return heights
 
 
 def _nearest(depths: Float32Array, seen: Fragments, pixels: int) -> Float32Array:

@@ -114,7 +114,8 @@ class Scene:
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
     surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
-    ground_normal  the unit vector away from the infinite ground plane below the scene; None where there is none
+    ground_normal  the unit vector away from the infinite ground plane; None where there is none
+    ground_height  of that plane along its normal; None: that of the lowest point
     """
 
     path: Path
@@ -133,6 +134,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     surroundings: Float64Array | None = None
     ground_normal: tuple[float, float, float] | None = None
+    ground_height: float | None = None
 
     @property
     def corners(self) -> Float64Array:

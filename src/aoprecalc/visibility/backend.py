@@ -9,7 +9,7 @@ from typing import Protocol
 
 from aoprecalc.errors import ArgumentError, RendererError
 from aoprecalc.gl.context import VERSION, Renderer, open_renderer, opengl_problem
-from aoprecalc.mesh.surface import NormalizedSurface
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.options import Backend as BackendKind
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress

@@ -163,7 +163,7 @@ def first_look(
     if embreex_problem() is None:
         backend = RayBackend(options.threads)
     parts = tuple(replace(part, two_sided=False) for part in scene.parts)
-    alone = replace(scene, parts=parts, ground_normal=None, surroundings=None)
+    alone = replace(scene, parts=parts, ground_normal=None, ground_height=None, surroundings=None)
     setup = BakeSetup(backend, BakeInputs(alone, atlas, normals, coarse))
     faces: Int32Array = np.full((_LOOK_SIZE, _LOOK_SIZE), -1, np.int32)
     values: Float32Array = np.zeros(faces.shape, np.float32)

@@ -12,7 +12,8 @@ import numpy as np
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.gl.context import Renderer, compute_program, draw_program
-from aoprecalc.mesh.surface import NormalizedSurface, face_normals
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.surface import face_normals
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, morton_codes
 from aoprecalc.types import Float32Array, Float64Array
@@ -256,21 +257,24 @@ class DepthMapTester:
     ) -> None:
         """Allocate for `max_samples` at a time and for maps of `shadow_size` texels a side."""
         self._hull = convex_hull_points(surface.receiving_points.astype(np.float64))
-        self._shadow_size, self._ground_normal = shadow_size, surface.ground_normal
+        self._shadow_size, self._surface = shadow_size, surface
         self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size, clip=surface.has_outer_occluders)
         self._receivers = ReceiverBuffers(renderer.context, surface, integrand, max_samples, self._maps)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""
         self._receivers.place(samples)
-        projections = fit_projections(axes, self._hull, self._shadow_size, self._ground_normal)
+        projections = fit_projections(axes, self._hull, self._shadow_size, self._surface.ground_normal)
         small = self._maps.count_small(projections)
         for start in range(0, len(axes), self._maps.capacity):
             batch = projections.select(slice(start, start + self._maps.capacity))
             self._maps.render(batch, small)
             self._receivers.gather()
             progress.advance(2 * len(batch.rows))
-        return self._receivers.read_sums()
+        sums = self._receivers.read_sums()
+        if self._surface.buried:
+            sums[self._surface.is_under_ground(self._surface.points(samples.faces, samples.weights)), 0] = 0
+        return sums
 
 
 def read_depths(context: moderngl.Context, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:

@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 
 from aoprecalc.errors import RendererError
-from aoprecalc.mesh.surface import NormalizedSurface
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples
 from aoprecalc.system import whole_cores
@@ -145,6 +145,8 @@ class RayOcclusion:
         """
         surface, integrand = self._surface, self._integrand
         below = surface.is_below_ground(directions)
+        if surface.buried:
+            below = below | surface.is_under_ground(origins)
         if integrand.max_distance == inf:
             if below.all():
                 return np.ones(len(origins))
@@ -155,7 +157,7 @@ class RayOcclusion:
             taken = integrand.occlusion(self._occluders.distances(origins, directions) * surface.unit)
         if below.any():
             up = np.asarray(surface.ground_normal)
-            slopes = np.where(below, -(directions @ up), 1.0)
+            slopes = np.where(below, np.abs(directions @ up), 1.0)
             to_ground = np.maximum(origins @ up - surface.ground_height, 0) / slopes
             taken = np.where(below, np.maximum(taken, integrand.occlusion(to_ground * surface.unit)), taken)
         return taken

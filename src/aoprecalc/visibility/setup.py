@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from aoprecalc.errors import ArgumentError, format_bytes
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.roles import baked_apart
-from aoprecalc.mesh.surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
 from aoprecalc.system import resident_memory

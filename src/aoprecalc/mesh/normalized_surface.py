@@ -1,0 +1,182 @@
+"""A surface at the scale at which visibility is computed: what receives light, and the triangles that stop it."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aoprecalc.mesh.masked_triangles import cut_triangles
+from aoprecalc.mesh.opaque_triangles import opaque_triangles
+from aoprecalc.mesh.surface import bounding_sphere, geometric_normals, normalize, positions_of
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
+
+_MAX_FLOAT = 1e38  # of positions that nobody looks at
+_NO_TRIANGLES = np.zeros((0, 3, 3))
+_ON_GROUND = 1e-5  # below the ground plane, over the bounding radius, up to which a point is on it
+
+
+@dataclass(frozen=True, eq=False)
+class NormalizedSurface:
+    """What receives light within 1 of the origin, where 32-bit floats resolve 1e-7, and what stops it.
+
+    positions          (v, 3) float32; those that do not receive may lie farther away
+    faces              (f, 3) int32 into positions
+    shading_normals    (f, 3, 3) float32: the unit shading normals n at the corners
+    geometric_normals  (f, 3) float32: the unit geometric normals g, zero for faces without area
+    occluders          (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light, within 1 of the origin
+                       too, or far from it: see `from_scene`
+    receiving_points   (r, 3) float32: the positions that receive
+    has_outer_occluders   something occludes that does not receive, and so may reach beyond the receiving points
+    ground_normal      the unit vector away from the infinite ground plane; None where there is none
+    ground_height      of that plane along its normal, 0 without one
+    buried             the plane may lie above some of what receives, which then is dark
+    unit               the length of 1 in the units of the mesh
+    """
+
+    positions: Float32Array
+    faces: Int32Array
+    shading_normals: Float32Array
+    geometric_normals: Float32Array
+    occluders: Float32Array
+    receiving_points: Float32Array
+    has_outer_occluders: bool
+    ground_normal: tuple[float, float, float] | None
+    ground_height: float
+    buried: bool
+    unit: float
+
+    @classmethod
+    def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
+        """Normalize a scene with (f, 3, 3) shading normals.
+
+        All that receives or occludes lies within 1 of the origin, unless what receives would be smaller than half of
+        that: then it lies within 1/2 of the origin, and large occluders around it are cut, see `cut_by_distance`.
+        """
+        receiving = positions_of(scene, scene.receives)
+        around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
+        shown = positions_of(scene, scene.receives | scene.occludes)
+        center, radius = bounding_sphere(np.concatenate([shown, around.reshape(-1, 3)]))
+        own_center, own_radius = bounding_sphere(receiving)
+        has_far_occluders = radius > 2 * own_radius
+        if has_far_occluders:
+            center, radius = own_center, 2 * own_radius
+
+        def normalized(positions: Float64Array) -> Float64Array:
+            scaled: Float64Array = (positions - center) / radius
+            return scaled
+
+        occluders = normalized(np.concatenate([opaque_triangles(scene), around]))
+        if has_far_occluders:
+            occluders = cut_by_distance(occluders)
+        # Renderers and ray tracers need at least one triangle; this one has no area.
+        stopping = occluders.astype(np.float32) if len(occluders) else np.zeros((1, 3, 3), np.float32)
+        points = normalized(receiving).astype(np.float32)
+        up, height = np.asarray(scene.ground_normal or (0.0, 0.0, 0.0)), scene.ground_height
+        lowest = float(min((points @ up).min(), (stopping @ up).min()))
+        ground_height = lowest if height is None else (height - float(center @ up)) / radius
+        return cls(
+            positions=np.clip(normalized(scene.positions), -_MAX_FLOAT, _MAX_FLOAT).astype(np.float32),
+            faces=scene.faces,
+            shading_normals=shading,
+            geometric_normals=geometric_normals(scene, shading),
+            occluders=stopping,
+            receiving_points=points,
+            has_outer_occluders=bool((scene.occludes & ~scene.receives).any() or len(around)),
+            ground_normal=scene.ground_normal,
+            ground_height=ground_height,
+            buried=lowest < ground_height,
+            unit=radius,
+        )
+
+    def is_below_ground(self, directions: NDArray[np.floating]) -> BoolArray:
+        """Return which of (..., 3) directions point down to the ground plane; horizontal ones do not."""
+        below: BoolArray = np.zeros(directions.shape[:-1], bool)
+        return (
+            below if self.ground_normal is None else directions @ np.asarray(self.ground_normal, directions.dtype) < 0
+        )
+
+    def is_under_ground(self, points: NDArray[np.floating]) -> BoolArray:
+        """Return which of (..., 3) points lie below the ground plane; those on it do not, within rounding."""
+        if not self.buried:
+            return np.zeros(points.shape[:-1], bool)
+        under: BoolArray = points @ np.asarray(self.ground_normal) < self.ground_height - _ON_GROUND
+        return under
+
+    def points(self, faces: NDArray[np.integer], weights: NDArray[np.floating]) -> Float64Array:
+        """Return the positions, (k, 3) float64, of k points: their faces and (k, 3) barycentric weights."""
+        found: Float64Array = np.einsum("kc,kcx->kx", weights.astype(np.float64), self.positions[self.faces[faces]])
+        return found
+
+    def flipped(self) -> Self:
+        """Return the surface with its other side in front."""
+        return replace(self, shading_normals=-self.shading_normals, geometric_normals=-self.geometric_normals)
+
+    def interpolate(
+        self, faces: NDArray[np.integer], weights: NDArray[np.floating]
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Return positions, n and g, (k, 3) float64 each, at k points: their faces and (k, 3) barycentric weights.
+
+        Where n would be on the other side of the surface (n.g <= 0) it is g.
+        """
+        weights = weights.astype(np.float64)
+        positions = self.points(faces, weights)
+        geometric = self.geometric_normals[faces].astype(np.float64)
+        shading = np.einsum("kc,kcx->kx", weights, self.shading_normals[faces])
+        opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
+        shading[opposed] = geometric[opposed]
+        return positions, normalize(shading), geometric
+
+
+# Occluders around what receives.
+
+_NEST = 4.0  # sides of a box over those of the next smaller one
+# Of triangles along each axis: seen from there, what receives is a point, and 32-bit floats resolve a map texel.
+_MAX_REACH = 4096.0
+
+
+def cut_by_distance(triangles: Float64Array) -> Float64Array:
+    """Cut triangles, (o, 3, 3), so that each is near the origin or not much larger than its distance from it.
+
+    32-bit floats resolve a triangle to 1e-7 of its size: of a floor of 10,000 units that is more than the gap between
+    it and what stands on it. So it is cut at the faces of nested boxes about the origin, of which the smallest reaches
+    to 1 along the axes; what touches a box and reaches beyond the next one is cut. Corners beyond 4096 are moved
+    straight towards the origin, from where everything looks the same.
+    """
+    near = np.maximum(triangles.min(axis=1), -triangles.max(axis=1)).max(axis=1)  # of the bounding box, at most
+    far = np.abs(triangles).max(axis=(1, 2))
+    large = far > _NEST * np.maximum(near, 1)
+    kept, large_ones = [triangles[~large]], triangles[large]
+    boxes = math.ceil(math.log(far[large].max(initial=1.0), _NEST))
+    for size in _NEST ** np.arange(boxes)[::-1]:
+        touching = (large_ones.min(axis=1) < size).all(axis=1) & (large_ones.max(axis=1) > -size).all(axis=1)
+        cut = touching & (np.abs(large_ones).max(axis=(1, 2)) > _NEST * size)
+        kept.append(large_ones[~touching])
+        waiting, inside = large_ones[touching & ~cut], large_ones[cut]
+        for axis in range(3):
+            for sign in (1, -1):
+                inside, outside = _split(inside, sign * inside[:, :, axis] - size)
+                kept.append(outside)
+        large_ones = np.concatenate([waiting, inside])
+    pieces = np.concatenate([*kept, large_ones])
+    reach = np.abs(pieces).max(axis=2, keepdims=True)
+    nearer: Float64Array = pieces * (_MAX_REACH / np.maximum(reach, _MAX_REACH))
+    return nearer
+
+
+def _split(triangles: Float64Array, values: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Cut (m, 3, 3) triangles where linear values at their corners, (m, 3), are zero; return negative and positive."""
+    negative, positive = (values <= 0).all(axis=1), (values >= 0).all(axis=1)
+    crossed = ~negative & ~positive
+    order, shares = cut_triangles(values[crossed])
+    one, *others = np.take_along_axis(triangles[crossed], order[:, :, None], axis=1).transpose(1, 0, 2)
+    first, second = (one + share[:, None] * (other - one) for share, other in zip(shares.T, others, strict=True))
+    single = np.stack([one, first, second], axis=1)
+    rest = np.stack([first, others[0], others[1], first, others[1], second], axis=1).reshape(-1, 3, 3)
+    above = values[crossed, order[:, 0]] >= 0
+    below_twice = np.repeat(~above, 2)
+    return (
+        np.concatenate([triangles[negative], single[~above], rest[~below_twice]]),
+        np.concatenate([triangles[positive & ~negative], single[above], rest[below_twice]]),
+    )
