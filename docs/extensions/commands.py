@@ -13,7 +13,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from aoprecalc.cli import main
-from aoprecalc.cli.options import GROUPS, CliOption
+from aoprecalc.cli.commands import GROUPS
+from aoprecalc.cli.options import CliOption
 
 CODE = r"(--[a-z-]+|<stem>[\w.<>]*|\$\w+|~/[\w./]+)"  # what a default is written with
 OPTION = r"(?<![`\w])--[a-z][a-z-]*"

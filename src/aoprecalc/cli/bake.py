@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.options import FILE, Console, MeshCommand, option, options_of, output_options, say, take
+from aoprecalc.cli.commands import MeshCommand
+from aoprecalc.cli.options import FILE, Console, option, options_of, output_options, say, take
 from aoprecalc.errors import ArgumentError, counted
 from aoprecalc.options import BakeOptions, FigureOptions
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     "--output",
     metavar="PATH",
     group="Output",
+    common=True,
     multiple=True,
     shown="<stem>_ao.png",
     help="The texture ({images}), with the mesh beside it; a mesh ({baked meshes}), with the texture inside a .glb, "
@@ -39,9 +41,12 @@ if TYPE_CHECKING:
     "--verify",
     is_flag=True,
     group="Output",
+    common=True,
     help="Measure the texture against ray tracing, for the report.",
 )
-@option("--report", metavar="FILE", group="Output", help="Write what was read, chosen and measured as JSON.")
+@option(
+    "--report", metavar="FILE", group="Output", common=True, help="Write what was read, chosen and measured as JSON."
+)
 @option(
     "--figures",
     metavar="DIR",

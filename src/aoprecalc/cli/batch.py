@@ -8,10 +8,10 @@ import click
 from click.core import ParameterSource
 
 from aoprecalc.cli.bake import bake as bake_command
+from aoprecalc.cli.commands import Command
 from aoprecalc.cli.options import (
     DEFAULT_CACHE,
     FILE,
-    Command,
     Console,
     annotate,
     explained,
@@ -51,12 +51,21 @@ class _BatchCommand(Command):
 
 @click.command(cls=_BatchCommand, short_help="Bake and fit many meshes, each only when it has changed.")
 @click.argument("patterns", type=FILE, nargs=-1, required=True, metavar="PATTERN|MANIFEST...")
-@option("-o", "--output", metavar="DIR", group="Output", shown="the manifest's", help="The folder for the results.")
+@option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    group="Output",
+    common=True,
+    shown="the manifest's",
+    help="The folder for the results.",
+)
 @option(
     "--bake",
     multiple=True,
     metavar="OPTIONS",
     group="Output",
+    common=True,
     shown="a bake with default options, unless --spheres is given",
     help="Bake textures with these options of `aoprecalc bake`, such as '-n 500 --size 512'. May be repeated.",
 )
@@ -65,12 +74,14 @@ class _BatchCommand(Command):
     multiple=True,
     metavar="OPTIONS",
     group="Output",
+    common=True,
     help="Fit spheres with these options of `aoprecalc spheres`, such as '-n 64'. May be repeated.",
 )
 @option(
     "--report",
     metavar="FILE",
     group="Output",
+    common=True,
     help="Write the result of each mesh as JSON.",
     more="A folder gets `batch.json`.",
 )
@@ -85,6 +96,7 @@ class _BatchCommand(Command):
     "--html",
     metavar="FILE",
     group="Output",
+    common=True,
     help="Write a page that shows the results, as `aoprecalc report` does.",
     more="A folder gets `batch.html`.",
 )

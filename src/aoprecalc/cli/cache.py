@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.options import DEFAULT_CACHE, Command, option, output_options, quantity_type, say
+from aoprecalc.cli.commands import Command
+from aoprecalc.cli.options import DEFAULT_CACHE, option, output_options, quantity_type, say
 from aoprecalc.errors import UsageError, counted, format_bytes
 from aoprecalc.options.quantities import AGE, BYTES
 

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.options import FILE, Command, Console, option, options_of, output_options, say, take
+from aoprecalc.cli.commands import Command
+from aoprecalc.cli.options import FILE, Console, option, options_of, output_options, say, take
 from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import CompareOptions
 

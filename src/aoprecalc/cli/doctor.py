@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aoprecalc.cli.options import Command, Console, output_options, say
+from aoprecalc.cli.commands import Command
+from aoprecalc.cli.options import Console, output_options, say
 from aoprecalc.errors import AoprecalcError, RendererError
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from aoprecalc import __version__
 from aoprecalc.cli.bake import bake
 from aoprecalc.cli.batch import batch
 from aoprecalc.cli.cache import cache
+from aoprecalc.cli.commands import Command
 from aoprecalc.cli.compare import compare
 from aoprecalc.cli.doctor import doctor
 from aoprecalc.cli.options import annotate, explained, without_controls
@@ -138,4 +139,8 @@ def _usage_line(error: click.ClickException) -> str:
     """Return a message of click with a pointer to the command's help."""
     message = explained(error)
     context = getattr(error, "ctx", None)
-    return f"{message}; see `{context.command_path} --help`" if context else message
+    if context is None:
+        return message
+    command, entry = context.command, getattr(error, "param", None)
+    flag = command.explained_by(entry) if isinstance(command, Command) else "--help"
+    return f"{message}; see `{context.command_path} {flag}`"

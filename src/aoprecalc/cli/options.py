@@ -1,4 +1,4 @@
-"""What all commands share: options, made from the options classes, their groups in `--help`, and what is printed.
+"""What all commands share: options, made from the options classes, and what is printed.
 
 Results go to stdout; progress, notes, warnings and annotations for GitHub workflows to stderr.
 """
@@ -22,12 +22,6 @@ from aoprecalc.options import MESH_EXTENSIONS, with_extensions
 from aoprecalc.options.fields import OptionField, details, option_fields
 from aoprecalc.options.quantities import Quantity
 from aoprecalc.progress import Progress
-
-# Headings of `--help`, in their order; what has none of them comes last.
-GROUPS = (
-    "Output", "Picture", "Texture", "Spheres", "Samples", "Visibility", "Mesh", "Scene", "Measurement", "Cache",
-    "Cluster", "Run",
-)  # fmt: skip
 
 DEFAULT_CACHE = "$AOPRECALC_CACHE, else ~/.cache/aoprecalc"
 
@@ -55,16 +49,19 @@ class CliOption(click.Option):
     """An option with a group in `--help` and a longer text in the documentation.
 
     group   heading in `--help`
+    common  explained by `--help` already, not by `--help-all` alone
     more    what the documentation adds to the help
     shown   the default in words, where no value says it
     """
 
-    def __init__(self, *names: Any, group: str = "", more: str = "", shown: str = "", **given: Any) -> None:
+    def __init__(
+        self, *names: Any, group: str = "", common: bool = False, more: str = "", shown: str = "", **given: Any
+    ) -> None:
         """Declare an option as click does; its texts may name lists of extensions, see `with_extensions`."""
         given.setdefault("type", _PATHS.get(given.get("metavar") or ""))
         super().__init__(*names, **given)
         self.help = with_extensions(self.help or "")
-        self.group, self.more, self.shown = group, with_extensions(more), shown
+        self.group, self.common, self.more, self.shown = group, common, with_extensions(more), shown
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Return names and help; the help ends with the default in words."""
@@ -99,49 +96,6 @@ def explained(error: click.ClickException) -> str:
 def _names_of(entry: click.Parameter) -> list[str]:
     """Return the long names of an option; none of an argument."""
     return [name for name in (*entry.opts, *entry.secondary_opts) if name.startswith("--")]
-
-
-class Command(click.Command):
-    """A command whose `--help` lists its options under headings."""
-
-    def __init__(self, *names: Any, **given: Any) -> None:
-        """Declare a command as click does; its text may name lists of extensions, see `with_extensions`."""
-        super().__init__(*names, **given)
-        self.help = with_extensions(self.help or "")
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options, group by group."""
-        groups: dict[str, list[tuple[str, str]]] = {group: [] for group in (*GROUPS, "Options")}
-        for entry in self.get_params(ctx):
-            record = entry.get_help_record(ctx)
-            if record is not None and isinstance(entry, click.Option):
-                groups[getattr(entry, "group", GROUPS[-1]) or "Options"].append(record)
-        for group, records in groups.items():
-            if records:
-                with formatter.section(group):
-                    formatter.write_dl(records)
-
-
-class MeshCommand(Command):
-    """A command of one mesh, which says what to do with several.
-
-    many   the command for them
-    """
-
-    def __init__(self, *names: Any, many: str, **given: Any) -> None:
-        """Declare a command as click does."""
-        super().__init__(*names, **{"context_settings": {"allow_extra_args": True}} | given)
-        self._many = many
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the command line; a second mesh is a usage error; without a parent it is in `ctx.args`."""
-        rest = super().parse_args(ctx, args)
-        if ctx.args and ctx.parent is not None and not ctx.resilient_parsing:
-            found = " ".join(shlex.quote(word) for word in ctx.args[:3]) + (" ..." if len(ctx.args) > 3 else "")
-            raise click.UsageError(
-                f"{self.name} takes one mesh, but found {found} as well; for many: {self._many}", ctx
-            )
-        return rest
 
 
 def quantity_type(quantity: Quantity) -> Callable[[str], Any]:
@@ -239,6 +193,7 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         help=_with_option_names(kind, " ".join(filter(None, (about.help, repeated)))),
         more=_with_option_names(kind, details(field)),
         group=about.group,
+        common=about.common,
         **given | {"shown": _with_option_names(kind, given.get("shown", ""))},
     )
 

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from aoprecalc.cli.commands import MeshCommand
 from aoprecalc.cli.options import (
     FILE,
     Console,
-    MeshCommand,
     open_file,
     open_option,
     option,

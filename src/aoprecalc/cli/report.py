@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from aoprecalc.cli.options import FILE, Command, Console, open_file, open_option, option, output_options, say
+from aoprecalc.cli.commands import Command
+from aoprecalc.cli.options import FILE, Console, open_file, open_option, option, output_options, say
 from aoprecalc.errors import counted
 
 

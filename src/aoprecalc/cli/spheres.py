@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from aoprecalc.cli.options import FILE, Console, MeshCommand, option, options_of, output_options, say, take
+from aoprecalc.cli.commands import MeshCommand
+from aoprecalc.cli.options import FILE, Console, option, options_of, output_options, say, take
 from aoprecalc.errors import UsageError, counted, listed_counts, one_or_many, option_name
 from aoprecalc.options import SphereOptions
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     "--output",
     metavar="PATH",
     group="Output",
+    common=True,
     multiple=True,
     shown="<stem>_spheres.json",
     help="The sphere set ({sphere sets}), or a folder. May be repeated: each file is written.",

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aoprecalc.cli.options import FILE, Command, Console, option, options_of, output_options, say, take
+from aoprecalc.cli.commands import Command
+from aoprecalc.cli.options import FILE, Console, option, options_of, output_options, say, take
 from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import VerifyOptions
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     "--texture",
     metavar="PATH",
     group="Texture",
+    common=True,
     shown="the one that MESH refers to, else <stem>.png beside it",
     help="The texture.",
 )
@@ -25,11 +27,12 @@ if TYPE_CHECKING:
     "--heat-map",
     metavar="FILE",
     group="Output",
+    common=True,
     help="Draw the errors in texture space: blue is too dark, red too bright.",
     more="White is right, full colour an error of 0.1, grey no surface; one cell a point. A folder gets "
     "`<stem>_heat_map.png` (`.png .tif .jpg .tga .bmp`).",
 )
-@option("--report", metavar="FILE", group="Output", help="Write what was measured as JSON.")
+@option("--report", metavar="FILE", group="Output", common=True, help="Write what was measured as JSON.")
 @options_of(VerifyOptions)
 @output_options
 def verify(mesh: str, texture: str | None, **given: Any) -> None:

@@ -44,7 +44,7 @@ EstimatorField = Annotated[Estimator, _visibility(
     more="The ratio is exactly 1 on an open point; the sum is clamped to 1.")]
 MaxDistanceField = Annotated[Distance | None, _visibility(
     "Farther occluders do not count: a length in the units of the mesh, or a share of its diagonal such as 10%.",
-    default_text="no limit", quantity=DISTANCE,
+    common=True, default_text="no limit", quantity=DISTANCE,
     more="The diagonal is that of the bounding box of what is baked. Rays are traced: depth maps do not tell how far "
     "away an occluder is.")]
 FalloffField = Annotated[Falloff, _visibility(
@@ -56,13 +56,14 @@ ConeField = Annotated[float, _visibility(
 WeightField = Annotated[Weight, _visibility(
     "Weight of a direction: its cosine with the normal, or the same for all.")]
 NormalsField = Annotated[Normals, _mesh(
-    "Shading normals. auto: the file's, else smooth ones.", more="A glTF file without normals gets flat ones.")]
+    "Shading normals. auto: the file's, else smooth ones.", common=True,
+    more="A glTF file without normals gets flat ones.")]
 CreaseAngleField = Annotated[float | None, _mesh(
     "Edges that bend more than this are hard where smooth normals are computed.", range=(0, 180), unit="degrees",
     metavar="DEG", default_text="180, for STL 40")]
 OnlyField = Annotated[tuple[str, ...], _scene("Parts that are baked; the others still occlude.", more=_NAMES)]
 ExcludeField = Annotated[tuple[str, ...], _scene(
-    "Parts to leave out: they neither receive nor occlude.", more=_NAMES)]
+    "Parts to leave out: they neither receive nor occlude.", common=True, more=_NAMES)]
 OccluderField = Annotated[tuple[FilePath, ...], _scene(
     "A mesh file that occludes and is not baked: the surroundings, where the mesh will stand.",
     more="It is placed as its own file says, in the units and axes of the mesh.")]
@@ -73,7 +74,8 @@ GlassOccludesField = Annotated[bool, _scene(
 TwoSidedField = Annotated[bool, _scene(
     "Take the lighter value of the two sides of every face.",
     more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
-GroundField = Annotated[bool, _scene("Put the scene on an endless ground plane: no light comes from below.")]
+GroundField = Annotated[bool, _scene(
+    "Put the scene on an endless ground plane: no light comes from below.", common=True)]
 GroundHeightField = Annotated[float | None, _scene(
     "Height of the ground of `ground` along the axis that points up.", range=(-1_000_000_000, 1_000_000_000),
     unit="units of the mesh", metavar="X", default_text="the lowest point", more="What lies below the ground is dark.")]
@@ -169,7 +171,7 @@ class BakeOptions(_TextureSize, ValueOptions):
     height: Annotated[int, Option(
         "Height of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
     directions: Annotated[int, _visibility(
-        "Light directions, uniform on the sphere.", "-n", range=(1, 1_000_000),
+        "Light directions, uniform on the sphere.", "-n", common=True, range=(1, 1_000_000),
         more="They come in pairs, so an odd number is rounded up.")] = 1000
     sampling: Annotated[Sampling, _visibility(
         "Take directions on a spherical Fibonacci lattice, or at random.",
@@ -180,11 +182,11 @@ class BakeOptions(_TextureSize, ValueOptions):
         more="auto: 512 to 2048, so that its texels are somewhat smaller than the texture's on the surface, "
         "larger with fewer than 1000 directions.")] = None
     backend: Annotated[Backend, _visibility(
-        "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl, else ray.",
+        "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl, else ray.", common=True,
         more="Rays are traced by Embree, need no OpenGL and take four to eight times as "
         "long.")] = "auto"
     unwrap: Annotated[Unwrap, _mesh(
-        "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.",
+        "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.", common=True,
         more="keep keeps them also where they overlap, and warns. Else auto takes xatlas, or uvunwrap above 30,000 "
         "triangles and where xatlas is not installed.")] = "auto"
     unwrap_timeout: Annotated[float | None, _mesh(
@@ -230,8 +232,8 @@ class BakeOptions(_TextureSize, ValueOptions):
         more="It is that whose interpolation over the faces is nearest to the texture, by least squares. PLY has ao "
         "either way; other formats hold neither.")] = "none"
     size: InitVar[Annotated[int | tuple[int, int] | Literal["auto"] | None, _texture(
-        "Size of the texture in texels: one number for a square, width and height, or auto.", range=(1, _MAX_SIZE),
-        unit="texels", quantity=TEXTURE_SIZE,
+        "Size of the texture in texels: one number for a square, width and height, or auto.", common=True,
+        range=(1, _MAX_SIZE), unit="texels", quantity=TEXTURE_SIZE,
         more="auto: the smallest power of two from 64 to 8192 that holds `texel_density`; without that, at which the "
         "resolution adds an RMS error of at most 0.005, or 0.7 of `target_error`, estimated by ray tracing.")]] = None
 
@@ -277,8 +279,8 @@ class VerifyOptions(Validated):
     normals: NormalsField | None = None
     crease_angle: CreaseAngleField | None = None
     tolerance: Annotated[float | None, _measurement(
-        "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", range=(0, 1), metavar="E",
-        default_text="any error passes", more="The outputs stay.")] = None
+        "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", common=True, range=(0, 1),
+        metavar="E", default_text="any error passes", more="The outputs stay.")] = None
     threads: ThreadsField = 0
     only: OnlyField | None = None
     exclude: ExcludeField | None = None

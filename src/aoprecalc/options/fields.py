@@ -51,6 +51,7 @@ class Option:
     short          short name on the command line, such as -n
     more           what the documentation adds to `help`
     group          heading in `--help`
+    common         `--help` explains it; the others are explained by `--help-all`
     range          (min, max) of a number, or of each number
     above_min      the minimum itself is excluded
     unit           such as texels
@@ -67,6 +68,7 @@ class Option:
     short: str = ""
     more: str = ""
     group: str = ""
+    common: bool = False
     range: tuple[int, int] | None = None
     above_min: bool = False
     unit: str = ""

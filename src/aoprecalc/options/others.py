@@ -37,9 +37,9 @@ class SphereOptions(Validated):
     """How to fit spheres to a mesh."""
 
     spheres: Annotated[int, _spheres(
-        "Number of spheres; exactly as many are fitted.", "-n", range=(1, 1_000_000))] = 100
+        "Number of spheres; exactly as many are fitted.", "-n", common=True, range=(1, 1_000_000))] = 100
     samples: Annotated[int, _samples(
-        "Points drawn from the surface.", "-s", range=(1, 100_000_000),
+        "Points drawn from the surface.", "-s", common=True, range=(1, 100_000_000),
         more="There must be at least as many as spheres.")] = 100_000
     seed: Annotated[int, _samples("Seed of the samples and of every random choice.", range=(0, 2**32 - 1))] = 0
     radius: Annotated[Radius, _spheres(
@@ -54,16 +54,17 @@ class SphereOptions(Validated):
         more='For lloyd and algebraic; a warning says so, and `"converged"` is false.')] = 1000
     method: Annotated[Method, _spheres(
         "Cluster means (lloyd), least squares (algebraic), best silhouettes (shadow), or spheres that contain the "
-        "whole surface (collision).",
+        "whole surface (collision).", common=True,
         more="For soft shadows shadow is the best; lloyd and algebraic are those of the report Précalcul.")] = "lloyd"
     tolerance: Annotated[float | None, _spheres(
-        "Find the smallest number of spheres whose error is at most E, instead of `spheres`.", range=(0, 1),
-        metavar="E", default_text="take `spheres`", instead_of="spheres",
+        "Find the smallest number of spheres whose error is at most E, instead of `spheres`.", common=True,
+        range=(0, 1), metavar="E", default_text="take `spheres`", instead_of="spheres",
         more="The error is 1 - silhouette IoU for shadow and collision, the mean surface error over the "
         "diagonal for lloyd and algebraic. The number, at most 4096 and a tenth of the samples, is found by "
         "doubling and halving; one sphere less, which was tried, has a larger error.")] = None
     levels: Annotated[tuple[int, ...], _spheres(
-        "Fit several sets, coarse to fine, instead of `spheres` (JSON only).", quantity=LEVELS, instead_of="spheres",
+        "Fit several sets, coarse to fine, instead of `spheres` (JSON only).", common=True, quantity=LEVELS,
+        instead_of="spheres",
         more="Numbers of spheres, ascending, such as 8,32,128. Every sphere of a finer set names its parent in "
         "the coarser one, which lies about it but need not contain it.")] = ()
 
@@ -190,16 +191,17 @@ class BatchOptions(Validated):
     """How to work through many meshes."""
 
     jobs: Annotated[int, _run(
-        "Meshes at a time, each in a process of its own; 0: as many as cores and memory allow.", "-j", range=(0, 4096),
+        "Meshes at a time, each in a process of its own; 0: as many as cores and memory allow.", "-j", common=True,
+        range=(0, 4096),
         more="0 is one a core, if there is a GiB of memory for each. Cores beyond that are shared out.")] = 0
     timeout: Annotated[float | None, _run(
-        "Give up a mesh that takes longer than this.", range=(0, 10_000_000), above_min=True, unit="seconds",
-        metavar="SECONDS", default_text="no limit")] = None
+        "Give up a mesh that takes longer than this.", common=True, range=(0, 10_000_000), above_min=True,
+        unit="seconds", metavar="SECONDS", default_text="no limit")] = None
     retries: Annotated[int, _run(
         "Further tries for a mesh whose process died.", range=(0, 100),
         more="It may have crashed, or have been killed because memory ran out.")] = 1
     fail_fast: Annotated[bool, _run("Stop at the first failure, or go on with the others.", off="--keep-going")] = False
-    force: Annotated[bool, _run("Make everything again, whatever is there already.")] = False
+    force: Annotated[bool, _run("Make everything again, whatever is there already.", common=True)] = False
     prune: Annotated[bool, _run(
         "Remove what earlier batches made of meshes that are no longer among these.",
         more="Files that were changed since stay.")] = False
