@@ -101,7 +101,7 @@ class LocalVisibility:
     ) -> None:
         """Prepare for up to `chunk_size` texels at a time; directions done are counted on `progress`."""
         self._tester = setup.backend.tester(side.surface, setup.integrand, chunk_size, shadow_size)
-        self._instances = SharedInstances.from_scene(setup.inputs.scene)
+        self._instances = SharedInstances.from_scene(side.scene)
         self._setup, self._progress = setup, progress
 
     def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
@@ -172,8 +172,8 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     for number, group in enumerate(setup.groups):
         count = 2 * (group.stop - group.start)
         for chunk in chunks(len(texels), chunk_size):
-            samples = setup.samples(side, chunk, number)
-            sums = source.visibility_sums(samples, chunk, number)
+            samples = setup.texel_samples(side, chunk, number)
+            sums = source.visibility_sums(setup.measured(side, samples), chunk, number)
             halves[number % 2, chunk] += sums
             for start in range(0, len(sums), FIT_CHUNK):
                 rows = slice(start, start + FIT_CHUNK)

@@ -61,7 +61,7 @@ def map_error(setup: BakeSetup, sides: list[TexelOcclusion], shadow_size: int) -
 
 def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float | None:
     """Return the ratio of map texels to texels, see MapError, of one side; None where the maps are fine enough."""
-    scene, atlas = side.scene, setup.inputs.atlas
+    scene, atlas = side.scene if setup.inputs.detail is None else setup.inputs.scene, setup.inputs.atlas
     areas = area_per_texel(scene, atlas, side.texels) * bounding_sphere(scene.positions)[1] ** 2
     weights = doubled_uv_areas(atlas.uvs) * (atlas.mapped & scene.receives)
     widths = np.sqrt(np.maximum(areas, 1e-300))
@@ -70,10 +70,10 @@ def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float 
         coarse: Float64Array = weights * (map_width > _COARSE * widths)
         return coarse if coarse.sum() > _MIN_COARSE * weights.sum() else None
 
-    at_most = 2 * bounding_sphere(positions_of(scene, scene.receives))[1] / shadow_size
+    at_most = 2 * bounding_sphere(positions_of(side.scene, side.scene.receives))[1] / shadow_size
     if coarse_weights(at_most) is None:  # as a rule
         return None
-    map_width = map_texel(scene, shadow_size)
+    map_width = map_texel(side.scene, shadow_size)
     coarse = coarse_weights(map_width)
     return None if coarse is None else float((coarse * map_width / widths).sum() / coarse.sum())
 
@@ -84,7 +84,7 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
     chosen = np.sort(np.random.default_rng(0).choice(len(index), min(_CHECKED, len(index)), replace=False))
     checked = replace(side, texels=Texels(found.texels.width, found.texels.height, index[chosen]))
     tester = RayTester(side.surface, setup.integrand, options.threads)
-    instances = SharedInstances.from_scene(setup.inputs.scene)
+    instances = SharedInstances.from_scene(side.scene)
     sums, used = np.zeros((len(chosen), 2), np.float32), 0
     for number, group in enumerate(setup.groups):
         samples = setup.samples(checked, slice(0, len(chosen)), number)

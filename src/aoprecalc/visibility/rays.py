@@ -123,6 +123,28 @@ class RayCaster:
         lengths[lengths > _FAR] = np.nan
         return lengths
 
+    def meets(
+        self, origins: Float32Array, directions: Float32Array, lengths: Float32Array
+    ) -> tuple[Int32Array, Float32Array, Float32Array]:
+        """Return where k rays meet a triangle first: which, -1 for none; how far away; and where in it.
+
+        origins      (k, 3) float32
+        directions   (k, 3) float32 unit vectors
+        lengths      (k,) float32, of the rays
+        The triangles are (k,) int32, the distances (k,) float32, the places (k, 3) float32 barycentric weights.
+        """
+        triangles, distances = np.empty(len(origins), np.int32), np.empty(len(origins), np.float32)
+        weights = np.empty((len(origins), 3), np.float32)
+
+        def cast(start: int) -> None:
+            chunk = slice(start, start + _CHUNK_RAYS)
+            met = self._scene.run(origins[chunk], directions[chunk], lengths[chunk], query="INTERSECT", output=1)
+            triangles[chunk], distances[chunk] = met["primID"], met["tfar"]
+            weights[chunk] = np.column_stack([1 - met["u"] - met["v"], met["u"], met["v"]])
+
+        self._for_chunks(cast, len(origins))
+        return triangles, distances, weights
+
     def _for_chunks(self, cast: Callable[[int], None], count: int) -> None:
         """Call a function with the start of each chunk of rays, on several threads."""
         with ThreadPoolExecutor(self._threads) as pool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from aoprecalc.errors import ArgumentError, format_bytes
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.detail import Detail
 from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
@@ -16,6 +17,7 @@ from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene,
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
 from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.projection import Projection
 
 FIT_CHUNK = 1 << 20  # texels added to the least-squares image at a time, at any chunk size: no sum depends on that
 
@@ -94,19 +96,21 @@ class BakeInputs:
     atlas     the UVs of the texture
     normals   (f, 3, 3) float32: the shading normals at the corners
     options   of the bake
+    detail    the surface that is measured in place of the scene's own, if any
     """
 
     scene: Scene
     atlas: Atlas
     normals: Float32Array
     options: BakeOptions
+    detail: Detail | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSide:
     """One side of the surface, front or back, in one pass.
 
-    scene     with the roles that its parts have on this side
+    scene     whose surface is measured, with the roles that its parts have on this side
     surface   flipped so that this side is the front
     texels    those that have a value on this side
     faces     (f,) bool: samples on other faces do not count; None: all count
@@ -133,16 +137,20 @@ class BakeSetup:
         self.backend, self.inputs = backend, inputs
         scene, options = inputs.scene, inputs.options
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
+        detail = inputs.detail
+        self._projection = None if detail is None else Projection(scene, detail, options.threads)
         self.integrand = Integrand.from_options(options, scene)
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()
-        passes = baked_apart(scene)
+        passes = baked_apart(scene if detail is None else detail.scene)
         self.sides = [side for baked in passes for side in self._sides(baked, whole=len(passes) == 1)]
 
     def _sides(self, scene: Scene, *, whole: bool) -> Iterator[SurfaceSide]:
         """Yield the front and, where some faces are two-sided, the back of a scene in a pass, perhaps the only one."""
-        surface, receives = NormalizedSurface.from_scene(scene, self.inputs.normals), scene.receives
+        detail = self.inputs.detail
+        normals = self.inputs.normals if detail is None else detail.normals
+        surface, receives = NormalizedSurface.from_scene(scene, normals), scene.receives
         two_sided = scene.two_sided & receives
         yield SurfaceSide(scene, surface, self.texels, None) if whole else self._side(scene, surface, receives)
         if two_sided.any() and len(self.texels):
@@ -150,7 +158,7 @@ class BakeSetup:
 
     def _side(self, scene: Scene, surface: NormalizedSurface, faces: BoolArray) -> SurfaceSide:
         """Return a side of which only the faces in a mask, (f,) bool, have texels."""
-        face = self.center_samples(self.texels).faces
+        face = self.projected(self.center_samples(self.texels)).faces
         return SurfaceSide(scene, surface, self.texels.select((face < 0) | faces[face]), faces)
 
     def overlap(self) -> float:
@@ -162,6 +170,18 @@ class BakeSetup:
         return self._rasterizer.samples(texels, CENTER)
 
     def samples(self, side: SurfaceSide, chunk: slice, group: int) -> Samples:
-        """Return the surface samples of a chunk of a side's texels, at the texel offset of a group of axes."""
-        samples = self._rasterizer.samples(side.texels.select(chunk), texel_offset(group))
+        """Return the points measured for a chunk of a side's texels, at the texel offset of a group of axes."""
+        return self.measured(side, self.texel_samples(side, chunk, group))
+
+    def texel_samples(self, side: SurfaceSide, chunk: slice, group: int) -> Samples:
+        """Return the points of the textured mesh for a chunk of a side's texels, at the offset of a group of axes."""
+        return self._rasterizer.samples(side.texels.select(chunk), texel_offset(group))
+
+    def measured(self, side: SurfaceSide, samples: Samples) -> Samples:
+        """Return the points of a side that are measured for samples of the textured mesh: itself, or its detail."""
+        samples = self.projected(samples)
         return samples if side.faces is None else keep_faces(samples, side.faces)
+
+    def projected(self, samples: Samples) -> Samples:
+        """Return the points of the measured surface, whatever its side, for samples of the textured mesh."""
+        return samples if self._projection is None else self._projection.samples(samples)
