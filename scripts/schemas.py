@@ -15,9 +15,10 @@ import msgspec
 
 from aoprecalc.api.compare import CompareReport
 from aoprecalc.api.doctor import DoctorReport
+from aoprecalc.api.documents import OMIT_NONE, Document, Report
 from aoprecalc.api.preview import PreviewReport
 from aoprecalc.api.report import PageReport
-from aoprecalc.api.reports import OMIT_NONE, BakeReport, Document, Report
+from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.sphere_quality import SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.io.outputs import SCHEMAS

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import aoprecalc as ao
-from aoprecalc.api.reports import PointError, position_texts
+from aoprecalc.api.documents import PointError, position_texts
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
 from aoprecalc.io.images import read_pixels

@@ -6,6 +6,7 @@ from functools import partial, reduce
 import numpy as np
 
 from aoprecalc.api.bake_messages import describe_uvs, ground_alone, messages_on
+from aoprecalc.api.documents import RayTracedErrors
 from aoprecalc.api.reports import (
     BakeOutputs,
     BakeReport,
@@ -14,7 +15,6 @@ from aoprecalc.api.reports import (
     InputMesh,
     OcclusionStatistics,
     PartRoles,
-    RayTracedErrors,
     SizeChoice,
     SizeError,
     TexelCounts,

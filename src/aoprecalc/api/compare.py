@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from aoprecalc.api.documents import Document
 from aoprecalc.api.mesh import given_or_default
-from aoprecalc.api.reports import Document
 from aoprecalc.api.textured_surface import TexturedSurface, misfit
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError
 from aoprecalc.io import (

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from aoprecalc.api.reports import OMIT_NONE, Document, Report
+from aoprecalc.api.documents import OMIT_NONE, Document, Report
 from aoprecalc.gl.context import CANDIDATES, INSTALLS, VERSION, Candidate
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.progress import Progress, StageTimer

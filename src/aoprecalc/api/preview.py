@@ -9,8 +9,8 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
+from aoprecalc.api.documents import Document, Report
 from aoprecalc.api.mesh import MeshLike, given_or_default
-from aoprecalc.api.reports import Document, Report
 from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
 from aoprecalc.errors import ArgumentError, UsageError, listed_counts
 from aoprecalc.io import MESH_EXTENSIONS, Outputs, checked_spheres

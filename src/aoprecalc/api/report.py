@@ -6,10 +6,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
+from aoprecalc.api.documents import Document, Report
 from aoprecalc.api.report_assets import EXPECTED, AssetFiles, Result, collect_assets
 from aoprecalc.api.report_contents import ReadAsset, asset_page, read_asset
 from aoprecalc.api.report_facts import changes
-from aoprecalc.api.reports import Document, Report
 from aoprecalc.errors import InputError, OutputError, UsageError, counted
 from aoprecalc.io import Outputs
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path

@@ -14,7 +14,8 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from aoprecalc.api.reports import BakeReport, Document
+from aoprecalc.api.documents import Document
+from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.errors import ArgumentError, InputError, counted
 from aoprecalc.io import IMAGE_EXTENSIONS, MESH_EXTENSIONS, OUTPUT_MESH_EXTENSIONS

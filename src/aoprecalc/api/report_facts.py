@@ -5,8 +5,9 @@ from dataclasses import asdict, fields
 from typing import Any, cast
 
 from aoprecalc.api.compare import CompareReport, compare
+from aoprecalc.api.documents import LevelErrors, PointError, position_texts
 from aoprecalc.api.report_assets import AssetFiles
-from aoprecalc.api.reports import BakeReport, LevelErrors, PointError, position_texts
+from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.sphere_quality import MEASURES, SphereQuality
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.errors import AoprecalcError, ArgumentError, counted, option_name

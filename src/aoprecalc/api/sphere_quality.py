@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from aoprecalc.api.reports import OMIT_NONE, Report
+from aoprecalc.api.documents import OMIT_NONE, Report
 from aoprecalc.io.outputs import read_json_object
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aoprecalc.api.documents import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
 from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
-from aoprecalc.api.reports import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
 from aoprecalc.api.surroundings import files_beside, with_surroundings
 from aoprecalc.api.textured_surface import TexturedSurface, find_texture
 from aoprecalc.errors import UsageError, counted, one_or_many

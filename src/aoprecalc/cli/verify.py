@@ -65,7 +65,7 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
 
 def _table(report: "VerifyReport") -> list[str]:
     """Lay out what was measured: a line for each mip level, and one for each of the worst points."""
-    from aoprecalc.api.reports import position_texts
+    from aoprecalc.api.documents import position_texts
 
     names = ("rmse", "bias", "p50", "p95", "p99", "max")
     texture, mesh = report.texture.path, report.input.path

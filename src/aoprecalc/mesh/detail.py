@@ -1,4 +1,4 @@
-"""The detailed surface whose ambient occlusion a simpler mesh gets, and which of its parts belong to which of that mesh.
+"""The detailed surface whose ambient occlusion a simpler mesh gets, and which of its parts belong to which of that.
 
 The simple mesh is called low here and the detailed one high, as artists do.
 """
@@ -45,9 +45,16 @@ class Detail:
     cage: Cage
 
 
+def detail_of(scene: Scene) -> Detail | None:
+    """Return the detailed surface of a scene; None where its own surface is measured."""
+    assert scene.detail is None or isinstance(scene.detail, Detail)
+    return scene.detail
+
+
 def detailed_surface(scenes: Sequence[Scene], low: Scene, options: ValueOptions) -> tuple[Scene, Float32Array]:
     """Join the meshes of a detailed surface; return it with roles, and its shading normals, (g, 3, 3) float32.
 
+    It stands where the low scene does: on the same ground, among the same surroundings.
     Names of parts in `options` are those of the low mesh and do not count here. Collision hulls and coarser levels of
     detail are left out. Raises InputError where normals are asked for that a mesh does not have.
     """
@@ -57,7 +64,8 @@ def detailed_surface(scenes: Sequence[Scene], low: Scene, options: ValueOptions)
     by_material = replace(options, only=(), exclude=(), occluders_only=(), all_parts=True)
     joined = assign_roles(_joined(scenes), by_material)
     parts = (replace(part, receives=True, uv_owner=None) for part in joined.parts)
-    return replace(joined, parts=tuple(parts), ground_normal=low.ground_normal), np.concatenate(normals)
+    around = {name: getattr(low, name) for name in ("surroundings", "ground_normal", "ground_height")}
+    return replace(joined, parts=tuple(parts), **around), np.concatenate(normals)
 
 
 def _joined(scenes: Sequence[Scene]) -> Scene:
@@ -141,11 +149,12 @@ def match_parts(low: Sequence[Part], high: Sequence[Part], *, by_name: bool) -> 
     everything = tuple(range(len(high)))
     if not by_name:
         return Matches((everything,) * len(low), by_name=False)
-    low_names, high_names = ([_Names.of(part, words) for part in parts] for parts, words in ((low, _LOW), (high, _HIGH)))
+    low_names, high_names = (
+        [_Names.of(part, words) for part in parts] for parts, words in ((low, _LOW), (high, _HIGH))
+    )
     known = [{name for names in every for name in (names.own, *names.others)} for every in (high_names, low_names)]
     low_keys, high_keys = (
-        [names.found_in(other) for names in every]
-        for every, other in zip((low_names, high_names), known, strict=True)
+        [names.found_in(other) for names in every] for every, other in zip((low_names, high_names), known, strict=True)
     )
     partners = [tuple(index for index in everything if keys & high_keys[index]) for keys in low_keys]
     if not any(partners):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 from xml.etree import ElementTree
 
-from aoprecalc.api.reports import Document, Report
+from aoprecalc.api.documents import Document, Report
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options.fields import as_words
 from aoprecalc.pipeline.jobs import Asset, Failure, FailureKind, JobSpec

@@ -25,7 +25,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from aoprecalc.api.reports import OMIT_NONE, Document, Report
+from aoprecalc.api.documents import OMIT_NONE, Document, Report
 from aoprecalc.errors import OutputError
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BatchOptions

@@ -121,6 +121,7 @@ class Baked:
     scene           the scene, with the roles of its parts; texture, atlas: the finished texture and its UVs
     normals         (f, 3, 3) float32: the shading normals that were used; vertex_ao: (f, 3) AO of vertices, if asked
     directions      number of light directions that were used
+    missed          texels without a value as their points are not on the detailed surface
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
     dark            its texels that get no light, and why
     backend         gl or ray; renderer: name of the OpenGL renderer, or of the ray tracer
@@ -144,6 +145,7 @@ class Baked:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     vertex_ao: Float32Array | None = None
+    missed: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,6 +113,7 @@ class Scene:
     polygons       (f,) int32: the polygon of each face, which no seam of new UVs may cut; None where they may be cut
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
+    detail         the surface whose light is measured in the place of its own, see `mesh/detail.py`; None as a rule
     surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
     ground_normal  the unit vector away from the infinite ground plane; None where there is none
     ground_height  of that plane along its normal; None: that of the lowest point
@@ -132,6 +133,7 @@ class Scene:
     welded: tuple[int, float] | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    detail: object = None
     surroundings: Float64Array | None = None
     ground_normal: tuple[float, float, float] | None = None
     ground_height: float | None = None

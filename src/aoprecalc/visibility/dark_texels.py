@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import keep_faces
 from aoprecalc.types import (
     Atlas,
     BoolArray,
@@ -56,12 +56,11 @@ def dark_texels(setup: BakeSetup, sides: list[TexelOcclusion]) -> DarkTexels:
     others = _some(np.sort(texels.index), _MAX_TEXELS) if len(scene.parts) > 1 else chosen
     index = np.union1d(chosen, others)
     samples = setup.center_samples(Texels(texels.width, texels.height, index))
-    if setup.sides[0].faces is not None:  # the rays meet what the finest level of detail shows
-        samples = keep_faces(samples, setup.sides[0].faces)
-    cast, counted = ((samples.faces >= 0) & np.isin(index, ones) for ones in (chosen, others))
+    points = setup.measured(setup.sides[0], samples)  # the rays meet what the finest level of detail shows
+    cast, counted = ((points.faces >= 0) & np.isin(index, ones) for ones in (chosen, others))
     if not cast.any():
         return DarkTexels(share)
-    causes = _causes(setup, samples.faces[cast], samples.weights[cast])
+    causes = _causes(setup, points.faces[cast], points.weights[cast])
     shares = {name: share * float(found.mean()) for name, found in causes.items()}
     parts = _dark_parts(scene, samples.faces[counted], np.isin(index[counted], dark), samples.faces[cast], causes)
     return DarkTexels(share, int(np.count_nonzero(cast)), **shares, parts=parts)
@@ -162,18 +161,23 @@ def first_look(
     )
     if embreex_problem() is None:
         backend = RayBackend(options.threads)
-    parts = tuple(replace(part, two_sided=False) for part in scene.parts)
-    alone = replace(scene, parts=parts, ground_normal=None, ground_height=None, surroundings=None)
-    setup = BakeSetup(backend, BakeInputs(alone, atlas, normals, coarse))
+    setup = BakeSetup(backend, BakeInputs(_front_only(scene), atlas, normals, coarse))
     faces: Int32Array = np.full((_LOOK_SIZE, _LOOK_SIZE), -1, np.int32)
     values: Float32Array = np.zeros(faces.shape, np.float32)
     for side in setup.sides:  # the front in each pass
         if not (count := len(side.texels)):
             continue
-        samples = setup.samples(side, slice(0, count), 0)
+        samples = setup.texel_samples(side, slice(0, count), 0)
         visibility = LocalVisibility(setup, side, MIN_SHADOW_SIZE, count, Progress())
-        sums = visibility.visibility_sums(samples, slice(0, count), 0)
+        sums = visibility.visibility_sums(setup.measured(side, samples), slice(0, count), 0)
         found, measured = setup.integrand.estimate(sums, coarse.directions)
         index = side.texels.index[measured]
         faces.ravel()[index], values.ravel()[index] = samples.faces[measured], found[measured]
     return faces, values
+
+
+def _front_only(scene: Scene) -> Scene:
+    """Return a scene without the ground and the surroundings, of which the fronts count; its detail too."""
+    parts, detail = tuple(replace(part, two_sided=False) for part in scene.parts), detail_of(scene)
+    front = None if detail is None else replace(detail, scene=_front_only(detail.scene))
+    return replace(scene, parts=parts, ground_normal=None, ground_height=None, surroundings=None, detail=front)

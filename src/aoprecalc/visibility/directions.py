@@ -199,18 +199,20 @@ def upright_projection(
     return Projections(rows, np.full((1, 2), step), np.zeros(1))
 
 
-def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int) -> int:
+def auto_shadow_size(scene: Scene, atlas: Atlas, texels: int, directions: int, measured: Scene | None = None) -> int:
     """Return the side of a depth map, 512 to 2048, that suits `texels` covered texels and a number of directions.
 
     With 1000 directions or more, map texels are somewhat finer than surface texels; with fewer they are coarser. The
     error that maps add is in proportion to their texels, the error that directions leave to N^-3/4; half of that
     exponent keeps the first below the second (measured on two meshes).
+
+    measured   the scene whose surface the maps show; None: that of the texture
     """
     area = 0.5 * np.linalg.norm(area_vectors(scene.corners[atlas.mapped]), axis=1).sum()
     if not texels or not area:
         return MIN_SHADOW_SIZE
     fineness = _FINENESS * min(1.0, (directions / _FINE_DIRECTIONS) ** 0.375)
-    size = fineness * map_texel(scene, MAX_SHADOW_SIZE) * MAX_SHADOW_SIZE / math.sqrt(area / texels)
+    size = fineness * map_texel(measured or scene, MAX_SHADOW_SIZE) * MAX_SHADOW_SIZE / math.sqrt(area / texels)
     return int(min(MAX_SHADOW_SIZE, max(MIN_SHADOW_SIZE, math.ceil(size / _SIZE_STEP) * _SIZE_STEP)))
 
 

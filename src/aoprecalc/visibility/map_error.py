@@ -61,7 +61,7 @@ def map_error(setup: BakeSetup, sides: list[TexelOcclusion], shadow_size: int) -
 
 def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float | None:
     """Return the ratio of map texels to texels, see MapError, of one side; None where the maps are fine enough."""
-    scene, atlas = side.scene if setup.inputs.detail is None else setup.inputs.scene, setup.inputs.atlas
+    scene, atlas = setup.textured(side), setup.inputs.atlas
     areas = area_per_texel(scene, atlas, side.texels) * bounding_sphere(scene.positions)[1] ** 2
     weights = doubled_uv_areas(atlas.uvs) * (atlas.mapped & scene.receives)
     widths = np.sqrt(np.maximum(areas, 1e-300))

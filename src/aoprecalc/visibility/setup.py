@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from aoprecalc.errors import ArgumentError, format_bytes
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
-from aoprecalc.mesh.detail import Detail
 from aoprecalc.mesh.roles import baked_apart
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
@@ -92,18 +92,16 @@ def _resident() -> int:
 class BakeInputs:
     """The plain values that determine a bake: every process that has them computes the same texels and sums.
 
-    scene     with the roles of its parts; its document is not used
+    scene     with the roles of its parts, and its detail if any; its document is not used
     atlas     the UVs of the texture
     normals   (f, 3, 3) float32: the shading normals at the corners
     options   of the bake
-    detail    the surface that is measured in place of the scene's own, if any
     """
 
     scene: Scene
     atlas: Atlas
     normals: Float32Array
     options: BakeOptions
-    detail: Detail | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +135,7 @@ class BakeSetup:
         self.backend, self.inputs = backend, inputs
         scene, options = inputs.scene, inputs.options
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
-        detail = inputs.detail
+        detail = detail_of(scene)
         self._projection = None if detail is None else Projection(scene, detail, options.threads)
         self.integrand = Integrand.from_options(options, scene)
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
@@ -148,7 +146,7 @@ class BakeSetup:
 
     def _sides(self, scene: Scene, *, whole: bool) -> Iterator[SurfaceSide]:
         """Yield the front and, where some faces are two-sided, the back of a scene in a pass, perhaps the only one."""
-        detail = self.inputs.detail
+        detail = detail_of(self.inputs.scene)
         normals = self.inputs.normals if detail is None else detail.normals
         surface, receives = NormalizedSurface.from_scene(scene, normals), scene.receives
         two_sided = scene.two_sided & receives
@@ -160,6 +158,10 @@ class BakeSetup:
         """Return a side of which only the faces in a mask, (f,) bool, have texels."""
         face = self.projected(self.center_samples(self.texels)).faces
         return SurfaceSide(scene, surface, self.texels.select((face < 0) | faces[face]), faces)
+
+    def textured(self, side: SurfaceSide) -> Scene:
+        """Return the scene that the texture is of; its own surface is measured unless it has a detail."""
+        return side.scene if self._projection is None else self.inputs.scene
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
