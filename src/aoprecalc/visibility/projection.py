@@ -6,7 +6,7 @@ where the ray first meets a face of its partners whose front it sees.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,13 @@ class Hits:
     faces: Int32Array
     weights: Float32Array
     distances: Float64Array
+
+    @classmethod
+    def joined(cls, several: list["Hits"]) -> "Hits":
+        """Return several of them, perhaps none, as one."""
+        none = cls(np.zeros(0, np.intp), np.zeros(0, np.int32), np.zeros((0, 3), np.float32), np.zeros(0))
+        arrays = ([getattr(hits, entry.name) for hits in (none, *several)] for entry in fields(cls))
+        return cls(*map(np.concatenate, arrays))
 
 
 class Projection:
@@ -93,6 +100,8 @@ class Projection:
     ) -> Iterator[Hits]:
         """Yield what k rays meet: the first face of each, then the second, and so on, as long as the rays last.
 
+        A ray also ends where its length is set to 0 meanwhile.
+
         low_faces   (k,) where the rays come from: they meet the partners of its part
         fronts      only faces of which a ray sees the front; else only those of which it sees the back
         """
@@ -118,7 +127,7 @@ class Projection:
         done: Float64Array,
     ) -> Hits:
         """Return what some of the rays meet first beyond the part of their length that is done."""
-        met = [Hits(waiting[:0], np.zeros(0, np.int32), np.zeros((0, 3), np.float32), np.zeros(0))]
+        met = list[Hits]()
         for number, (caster, faces) in enumerate(self._targets):
             rays = waiting[targets[waiting] == number]
             left = (lengths[rays] - done[rays]).astype(np.float32)
@@ -128,7 +137,7 @@ class Projection:
             hit = triangles >= 0
             rays = rays[hit]
             met.append(Hits(rays, faces[triangles[hit]], weights[hit], done[rays] + distances[hit]))
-        return Hits(*(np.concatenate([getattr(hits, name) for hits in met]) for name in Hits.__dataclass_fields__))
+        return Hits.joined(met)
 
     def _first_facing(self, faces: Int32Array, weights: Float64Array) -> Hits:
         """Return where k points of the low surface are on the high one."""
@@ -144,4 +153,4 @@ class Projection:
             lengths[hits.rays] = 0  # these are done
             if found.all():
                 break
-        return Hits(*(np.concatenate([getattr(hits, name) for hits in first]) for name in Hits.__dataclass_fields__))
+        return Hits.joined(first)
