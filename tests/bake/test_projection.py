@@ -115,7 +115,7 @@ def test_auto_does_not_reach_from_one_plate_to_another(gap, thickness):
 
 
 def test_auto_does_not_reach_from_a_wheel_to_the_fender_around_it():
-    """The fender's outside faces as the wheel's tread does, and is the first that rays from far out meet."""
+    """The fender's outside faces as the wheel's outside does, and is the first that rays from far out meet."""
 
     def parts(sections):
         angles = np.linspace(0, np.pi, sections + 1)
