@@ -32,6 +32,18 @@ def test_what_is_given_wins_over_the_bake_and_the_bake_over_the_default():
         VerifyOptions(up="x").value_options()
 
 
+def test_none_takes_away_the_maximum_distance_of_a_bake():
+    baked = ValueOptions(max_distance="10%", falloff="smooth", cone=90)
+    assert VerifyOptions().value_options(baked) == baked
+    assert VerifyOptions(max_distance="none").value_options(baked) == ValueOptions(cone=90)
+    assert VerifyOptions(max_distance="none").value_options() == ValueOptions()
+    assert BakeOptions(max_distance="none") == BakeOptions()
+    with pytest.raises(ArgumentError, match="falloff is 'linear', but occluders count at any distance"):
+        VerifyOptions(max_distance="none", falloff="linear").value_options(baked)
+    with pytest.raises(ArgumentError, match="such as '10%', or 'none'"):
+        VerifyOptions(max_distance="nothing")
+
+
 @pytest.fixture
 def blocks(tmp_path):
     """The path of a file with two parts."""

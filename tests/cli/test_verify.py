@@ -128,6 +128,15 @@ def test_a_tolerance_decides_the_exit_code_and_the_outputs_stay(ring, tmp_path, 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["h.jpg", "r.json"]
 
 
+def test_the_maximum_distance_of_a_bake_is_taken_away(ring, tmp_path, run):
+    limited = ["bake", ring / "plain.obj", "--size", "64", "-n", "64", "--max-distance", "2%", "-o", "a.glb"]
+    assert run(tmp_path, *limited).returncode == 0
+    for words, distance in ([], "2%"), (["--max-distance", "none"], None):
+        report = json.loads(run(tmp_path, "verify", "a.glb", *QUICK, *words, "--json").stdout)
+        assert report["options"]["max_distance"] == distance
+        assert (report["levels"][0]["bias"] > 0.05) == (distance is None)
+
+
 def test_rays_are_rounded_up_and_it_is_said(ring):
     report = verify(ring / "obj" / "ring.obj", rays=250)
     assert report["rays"] == 256

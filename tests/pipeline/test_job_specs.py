@@ -24,7 +24,7 @@ WRITTEN = {
     "memory_limit": {"1.5G": 3 << 29, 4096: 4096},
     "shadow_size": {"512": 512, "auto": None, 64: 64},
     "levels": {"2,8,32": (2, 8, 32)},
-    "max_distance": {"10%": "10%", "2.5": 2.5, 2.5: 2.5},
+    "max_distance": {"10%": "10%", "2.5": 2.5, 2.5: 2.5, "none": None},
     "only": {"roof": ("roof",)},
     "occluder": {"wall.obj": ("wall.obj",)},
     "bit_depth": {"16": "16", 16: "16"},

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.fields import FilePath, Option, Validated, documented, option_field, option_fields
-from aoprecalc.options.quantities import AUTO, BYTES, DISTANCE, SHADOW_SIZE, TEXTURE_SIZE
+from aoprecalc.options.quantities import AUTO, BYTES, LIMIT, NONE, SHADOW_SIZE, TEXTURE_SIZE
 
 Sampling = Literal["fibonacci", "random"]
 Estimator = Literal["ratio", "mean"]
@@ -44,9 +44,9 @@ EstimatorField = Annotated[Estimator, _visibility(
     more="The ratio is exactly 1 on an open point; the sum is clamped to 1.")]
 MaxDistanceField = Annotated[Distance | None, _visibility(
     "Farther occluders do not count: a length in the units of the mesh, or a share of its diagonal such as 10%.",
-    common=True, default_text="no limit", quantity=DISTANCE,
-    more="The diagonal is that of the bounding box of what is baked. Rays are traced: depth maps do not tell how far "
-    "away an occluder is.")]
+    common=True, default_text="no limit", quantity=LIMIT, none=NONE,
+    more="none: they count at any distance. The diagonal is that of the bounding box of what is baked. Rays are "
+    "traced: depth maps do not tell how far away an occluder is.")]
 FalloffField = Annotated[Falloff, _visibility(
     "How the effect of an occluder falls up to `max_distance`: not (none), linearly or smoothly.",
     more="At the share x of the maximum distance an occluder takes 1, 1 - x or 1 - 3x^2 + 2x^3 of the light.")]
@@ -314,4 +314,6 @@ class VerifyOptions(Validated):
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
         if given.get("ground") is False:
             given = {"up": "auto", "ground_height": None} | given
+        if given.get("max_distance") == NONE:
+            given = {"falloff": "none"} | given
         return replace(baked or ValueOptions(), **given)

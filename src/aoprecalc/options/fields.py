@@ -33,7 +33,7 @@ _WORDS: dict[Kind, tuple[str, str]] = {
     "integers": ("tuple of int", "a list of whole numbers"),
     "vector": ("(float, float, float)", "three finite numbers, not all 0"),
     "size": ("int or (int, int){or_auto}", "a whole number{bounds}, or a width and a height{or_auto}"),
-    "distance": ("float or str", "a length above 0, or a share of the diagonal such as '10%'"),
+    "distance": ("float or str", "a length above 0, or a share of the diagonal such as '10%'{or_none}"),
     "file": ("str or path-like{or_keywords}", "the path of a file{or_keywords}"),
     "integer": ("int", "a whole number{bounds}"),
     "number": ("float", "a number{bounds}"),
@@ -59,6 +59,7 @@ class Option:
     default_text   what the default stands for, where its value does not say it
     quantity       how the value is written as text, where that is not plain
     keywords       texts that a file option takes instead of a path
+    none           text that stands for None, where None may be "as baked" instead
     off            flag that switches it off
     part_of        option of the command line that sets this argument
     instead_of     option that this one takes the place of
@@ -76,6 +77,7 @@ class Option:
     default_text: str = ""
     quantity: Quantity | None = None
     keywords: tuple[str, ...] = ()
+    none: str = ""
     off: str = ""
     part_of: str = ""
     instead_of: str = ""
@@ -90,6 +92,7 @@ class OptionField:
     optional   None is allowed
     default    value where the option is not given
     init_only  an argument that sets other fields, not a field of its own
+    as_baked   None is what the bake had
     option     what else is said about it
     """
 
@@ -98,6 +101,7 @@ class OptionField:
     optional: bool
     default: Any
     init_only: bool
+    as_baked: bool
     option: Option
 
     @property
@@ -135,14 +139,17 @@ class OptionField:
 
     @property
     def alternatives(self) -> dict[str, str]:
-        """What is accepted beside its usual values, in words: `or_auto`, `or_keywords`."""
+        """What is accepted beside its usual values, in words: `or_auto`, `or_keywords`, `or_none`."""
         keywords = "".join(f", or {keyword!r}" for keyword in self.option.keywords)
-        return {"or_auto": f", or {AUTO!r}" if self.takes_auto else "", "or_keywords": keywords}
+        none = f", or {self.option.none!r}" if self.option.none else ""
+        return {"or_auto": f", or {AUTO!r}" if self.takes_auto else "", "or_keywords": keywords, "or_none": none}
 
     def check(self, value: Any) -> Any:
         """Return a value as its type; NumPy's numbers become Python's, lists tuples. Raises ArgumentError."""
         if value is None and self.optional:
             return None
+        if self.option.none and isinstance(value, str) and value == self.option.none:
+            return value if self.as_baked else None
         try:
             return self._converted(value)
         except (TypeError, ValueError):
@@ -243,7 +250,8 @@ def _read_fields(kind: type) -> tuple[OptionField, ...]:
             type_, optional = plain[0] if len(plain) == 1 else bare, len(plain) < len(types)
             if stated is not whole:
                 option, optional = _as_baked(name, type_, option), True
-            found[name] = OptionField(name, type_, optional, parts or getattr(kind, name), init_only, option)
+            default = parts or getattr(kind, name)
+            found[name] = OptionField(name, type_, optional, default, init_only, stated is not whole, option)
     return tuple(sorted(found.values(), key=lambda field: not field.init_only))
 
 

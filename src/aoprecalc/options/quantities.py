@@ -7,6 +7,7 @@ from math import inf, isfinite
 from typing import Any
 
 AUTO = "auto"  # a size that is chosen
+NONE = "none"  # no limit
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,10 @@ def _read_vector(text: str) -> tuple[float, ...]:
     return vector
 
 
+def _read_limit(text: str) -> float | str:
+    return NONE if text.strip() == NONE else read_distance(text)
+
+
 def read_distance(text: str) -> float | str:
     """Return a length above 0, or a share of the diagonal such as 10%; raises ValueError for other text."""
     share = text.strip().endswith("%")
@@ -100,11 +105,11 @@ VECTOR = Quantity(
     "three numbers, not all 0, such as 1,0.5,-2",
     "X,Y,Z",
 )
-DISTANCE = Quantity(
-    read_distance,
+LIMIT = Quantity(  # a distance, or none
+    _read_limit,
     lambda distance: distance if isinstance(distance, str) else f"{distance!r}",
-    "a length above 0, or a share of the diagonal such as 10%",
-    "X|X%",
+    "a length above 0, a share of the diagonal such as 10%, or none",
+    "X|X%|none",
 )
 # K, M, G and T are powers of 1024; so are KB, KiB, ...
 BYTES = Quantity(_read_bytes, _write_bytes, "an amount of memory with K, M, G or T, such as 1.5G", "SIZE")
