@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from aoprecalc.types import Float32Array, Float64Array, Int64Array, UInt8Array, Wrap
 
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear colours (ITU-R BT.709)
+
 _Float = TypeVar("_Float", np.float32, np.float64)
 _MAX_CELLS = 2048  # along the sides of the finest bounds of alpha
 _MAX_BORDER = 0.5  # of the size of a texture, by which a clamped one is extended; farther away its look-ups differ

@@ -115,7 +115,7 @@ WRONG = [
     (BakeOptions, {"only": None}, "only is None; expected a list of names"),
     (BakeOptions, {"occluder": (1,)}, "occluder is (1,); expected a list of paths of files"),
     (BakeOptions, {"occluder": ""}, "occluder is ''; expected a list of paths of files"),
-    (BakeOptions, {"up": "z"}, "up is 'z', but there is no ground; add ground, or omit up"),
+    (BakeOptions, {"up": "z"}, "up is 'z', but there is no ground and no sky; add ground or sky, or omit up"),
     (BakeOptions, {"ground_height": 0}, "ground_height is 0, but there is no ground; add ground"),
     (BakeOptions, {"memory_limit": "1.5G"}, "memory_limit is '1.5G'; expected a whole number"),
     (SphereOptions, {"levels": ("2", "4")}, "levels is ('2', '4'); expected a list of whole numbers"),

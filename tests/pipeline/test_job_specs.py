@@ -27,6 +27,7 @@ WRITTEN = {
     "max_distance": {"10%": "10%", "2.5": 2.5, 2.5: 2.5, "none": None},
     "only": {"roof": ("roof",)},
     "occluder": {"wall.obj": ("wall.obj",)},
+    "sky": {"overcast": "overcast", "sky.hdr": "sky.hdr"},
     "bit_depth": {"16": "16", 16: "16"},
 }
 NUMBERS = {

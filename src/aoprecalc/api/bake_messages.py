@@ -222,13 +222,18 @@ def _notes_on_ground(baked: Baked) -> list[Note]:
 def ground_alone(baked: Baked) -> float | None:
     """Return the mean AO of the texels if nothing but the ground took light from them.
 
-    None without a ground, and where its distance matters, or not all directions count by their cosine.
+    None without a ground, and where its distance matters, or not all directions count by their cosine alone.
 
     It is the mean of (1 + n.u) / 2 with the normals n of the faces and the upward vector u, weighted by their areas in
     the texture; of (1 + |n.u|) / 2 where a face is two-sided.
     """
     scene, atlas, options = baked.scene, baked.atlas, baked.options
-    if scene.ground_normal is None or (options.max_distance, options.cone, options.weight) != (None, 180, "cosine"):
+    if scene.ground_normal is None or (options.max_distance, options.cone, options.weight, options.sky) != (
+        None,
+        180,
+        "cosine",
+        "uniform",
+    ):
         return None
     upward = geometric_normals(scene, baked.normals) @ np.asarray(scene.ground_normal)
     upward = np.where(scene.two_sided, np.abs(upward), upward)

@@ -136,10 +136,10 @@ def bake_scene(
 def _value_options(scene: Scene, options: BakeOptions) -> ValueOptions:
     """Return the options that define the value, also for copies of the mesh in other formats.
 
-    So the axis that points up from the ground is named, and the crease angle of STL.
+    So the axis that points up is named, and the crease angle of STL.
     """
     value = ValueOptions(**{field.name: getattr(options, field.name) for field in option_fields(ValueOptions)})
-    if value.ground:
+    if value.has_up:
         value = replace(value, up=up_axis(scene, options))
     if value.crease_angle is None and scene.format == "stl":
         value = replace(value, crease_angle=default_crease_angle(scene))

@@ -1,4 +1,4 @@
-"""What surrounds a mesh where it will stand, from files that the options name: other meshes, which occlude it."""
+"""What surrounds a mesh where it will stand, from files that the options name: meshes that occlude it, and its sky."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,24 +8,32 @@ import numpy as np
 
 from aoprecalc.errors import InputError, counted, option_name
 from aoprecalc.io import load_scene
+from aoprecalc.io.images import read_pixels
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
 from aoprecalc.mesh.roles import finest_level
 from aoprecalc.options import ValueOptions
 from aoprecalc.options.fields import named_files, with_files
 from aoprecalc.progress import Note
-from aoprecalc.types import Float64Array, Scene
+from aoprecalc.texture_lookup import linear_from_srgb
+from aoprecalc.types import Float32Array, Float64Array, Scene
+from aoprecalc.visibility.sky import sky_image
+
+_LINEAR = (".hdr", ".exr", ".tif", ".tiff")  # images of radiance
 
 
 def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
-    """Return the scene with the triangles of the files that occlude it, and with warnings and notes about these files.
+    """Return the scene with its sky and the triangles of the files that occlude it, and messages about these files.
 
     scene     with the roles of its parts; see `assign_roles`
     options   `occluder` names the files, each in the units and axes of the scene. Of a file its finest level of detail
               counts, without collision hulls unless `all_parts`, and without transparent materials unless
               `glass_occludes`; alpha masks have their holes
 
-    Raises InputError where a file is missing, damaged or has no faces, UsageError for an unknown extension.
+    Raises InputError where a file is missing, damaged or has no faces, or a sky no light, and UsageError for an unknown
+    extension.
     """
+    if "sky" in named_files(options):
+        scene = replace(scene, sky=_read_sky(Path(options.sky)))
     if not options.occluder:
         return scene
     triangles, warnings, notes = list[Float64Array](), list[str](), list[str]()
@@ -41,6 +49,25 @@ def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
         warnings=(*scene.warnings, *warnings),
         notes=(*scene.notes, *notes),
     )
+
+
+def _read_sky(path: Path) -> Float32Array:
+    """Return the image of a sky, see `sky_image`; pictures of 8 or 16 bits are taken as sRGB."""
+    pixels = read_pixels(path)
+    if path.suffix.lower() not in _LINEAR:
+        pixels = linear_from_srgb(pixels)
+    if not np.isfinite(pixels).all():
+        raise InputError(f"{path}: has pixels that are not finite, an image of a sky was expected; save it again")
+    if pixels.shape[2] in (2, 4):
+        pixels = pixels[:, :, :-1]
+    if not pixels.max() > 0:
+        raise InputError(f"{path}: is black, an image of a sky was expected; use another")
+    height, width = pixels.shape[:2]
+    if width != 2 * height:
+        raise InputError(
+            f"{path}: has {width} x {height} pixels; an equirectangular image was expected, twice as wide as it is high"
+        )
+    return sky_image(pixels)
 
 
 def _occluding_triangles(scene: Scene, options: ValueOptions) -> Float64Array:

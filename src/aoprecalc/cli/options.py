@@ -182,6 +182,8 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}
         if about.quantity:
             given |= {"type": quantity_type(about.quantity), "metavar": about.quantity.metavar}
+        elif field.kind == "file":
+            given["type"] = FILE
         elif field.kind == "choice":
             given["type"] = click.Choice(field.choices)
         elif about.range:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, OutputError, UsageError
 from aoprecalc.options import BitDepth
+from aoprecalc.texture_lookup import LUMINANCE
 from aoprecalc.types import Float32Array, Picture, UInt8Array
 
 Depth = Literal["8", "16", "half", "float"]
@@ -57,7 +58,6 @@ _TEXT, _DESCRIPTION = "aoprecalc", "ImageDescription"
 _DESCRIBED = (".tif", ".tiff", ".jpg", ".jpeg")  # hold no attributes of other names
 
 _CHANNELS = ("red", "green", "blue")
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of ITU-R BT.709
 
 _OIIO_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
@@ -235,7 +235,7 @@ def opacity_of(pixels: Float32Array, channel: str = "") -> Float32Array | None:
     elif channel in _CHANNELS:
         return np.ascontiguousarray(pixels[:, :, _CHANNELS.index(channel)])
     else:
-        values = np.asarray(pixels[:, :, :3] @ _LUMINANCE, np.float32)
+        values = np.asarray(pixels[:, :, :3] @ LUMINANCE, np.float32)
     return 1 - values if channel == "transparency" else values
 
 

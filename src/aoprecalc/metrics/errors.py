@@ -16,6 +16,7 @@ from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import RAY_OFFSET, RayOcclusion
+from aoprecalc.visibility.sky import ImageSky
 
 MIP_LEVELS = 5
 _MIN_SEPARATION = 0.01  # of two of the worst points, / bounding box diagonal
@@ -229,10 +230,10 @@ def reference_ao(
     shading     (f, 3, 3) float32, unit normals at the corners
     integrand   what each direction counts for, and how far occluders count
 
-    Rays w are distributed by the integrand's weight, as a rule their cosine with the interpolated shading normal n.
-    Estimator ratio: the visible fraction of the rays above the geometric horizon, g.w > 0 with the face normal g; mean:
-    the number of these visible rays / the number of all rays. If n opposes g, g replaces it. Two-sided faces have the
-    maximum of both sides' values.
+    Rays w are distributed by the integrand's weight, as a rule their cosine with the interpolated shading normal n, and
+    count by the radiance of the sky. Estimator ratio: the visible fraction of the rays above the geometric horizon,
+    g.w > 0 with the face normal g; mean: the number of these visible rays / the number of all rays. If n opposes g, g
+    replaces it. Two-sided faces have the maximum of both sides' values.
     Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
     """
     values: Float64Array = np.zeros(len(points))
@@ -280,15 +281,43 @@ def _one_side(
     for start in range(0, len(positions), chunk_size):
         chunk = slice(start, start + chunk_size)
         upward = geometric[chunk].astype(np.float32)
-        directions = _directions(normals[chunk], rays, rng, integrand)
+        directions, weights = _weighted_directions(normals[chunk], rays, rng, integrand)
         above_horizon = np.matmul(directions, upward[:, :, None])[:, :, 0] > 0
         origins = np.repeat((positions[chunk] + RAY_OFFSET * geometric[chunk]).astype(np.float32), rays, axis=0)
         taken = occluders.occlusion(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
-        visible = (above_horizon * (1 - taken)).sum(axis=1)
-        counted = rays if integrand.estimator == "mean" else np.maximum(above_horizon.sum(axis=1), 1)
-        values[chunk] = visible / counted
+        weights = weights * above_horizon
+        counted = rays if integrand.estimator == "mean" else weights.sum(axis=1)
+        values[chunk] = (weights * (1 - taken)).sum(axis=1) / np.maximum(counted, np.finfo(float).tiny)
         progress.advance(len(upward))
     return values
+
+
+def _weighted_directions(
+    normals: Float64Array, rays: int, rng: np.random.Generator, integrand: Integrand
+) -> tuple[Float32Array, Float64Array]:
+    """Return unit directions about m normals, (m, rays, 3), and what each counts for, (m, rays) or (1, 1).
+
+    By the image of a sky, which may be dark but for a sun, half of them are drawn in proportion to its radiance, and
+    all count by the balance heuristic (E. Veach, L. Guibas, "Optimally combining sampling techniques", 1995).
+    """
+    sky = integrand.sky
+    if not isinstance(sky, ImageSky):
+        directions = _directions(normals, rays, rng, integrand)
+        if sky is None:
+            return directions, np.ones((1, 1))
+        return directions, sky.radiance(directions.reshape(-1, 3)).reshape(directions.shape[:2])
+    by_weight = math.isqrt(rays // 2) ** 2
+    count = rays - by_weight
+    u = (np.arange(count) + rng.random((len(normals), count))) / count
+    towards_light = sky.sample(u.ravel(), rng.random((u.size, 2))).reshape(len(normals), count, 3)
+    own = _directions(normals, by_weight, rng, integrand)
+    directions = np.concatenate([own, towards_light.astype(np.float32)], axis=1)
+    cosines = np.matmul(directions, normals[:, :, None])[:, :, 0]
+    weights = integrand.weights(cosines)
+    flat = directions.reshape(-1, 3)
+    radiance, by_sky = (found.reshape(cosines.shape) for found in (sky.radiance(flat), sky.density(flat)))
+    density = by_weight * weights / (4 * np.pi * integrand.mean_weight) + count * by_sky
+    return directions, weights * radiance / density
 
 
 def _directions(normals: Float64Array, rays: int, rng: np.random.Generator, integrand: Integrand) -> Float32Array:

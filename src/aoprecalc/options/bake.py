@@ -5,7 +5,7 @@ from functools import partial
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import FilePath, Option, Validated, documented, option_field, option_fields
+from aoprecalc.options.fields import Option, Validated, documented, option_field, option_fields
 from aoprecalc.options.quantities import AUTO, BYTES, LIMIT, NONE, SHADOW_SIZE, TEXTURE_SIZE
 
 Sampling = Literal["fibonacci", "random"]
@@ -64,8 +64,8 @@ CreaseAngleField = Annotated[float | None, _mesh(
 OnlyField = Annotated[tuple[str, ...], _scene("Parts that are baked; the others still occlude.", more=_NAMES)]
 ExcludeField = Annotated[tuple[str, ...], _scene(
     "Parts to leave out: they neither receive nor occlude.", common=True, more=_NAMES)]
-OccluderField = Annotated[tuple[FilePath, ...], _scene(
-    "A mesh file that occludes and is not baked: the surroundings, where the mesh will stand.",
+OccluderField = Annotated[tuple[str, ...], _scene(
+    "A mesh file that occludes and is not baked: the surroundings, where the mesh will stand.", path=True,
     more="It is placed as its own file says, in the units and axes of the mesh.")]
 OccludersOnlyField = Annotated[tuple[str, ...], _scene("Parts that occlude but are not baked.", more=_NAMES)]
 GlassOccludesField = Annotated[bool, _scene(
@@ -74,12 +74,17 @@ GlassOccludesField = Annotated[bool, _scene(
 TwoSidedField = Annotated[bool, _scene(
     "Take the lighter value of the two sides of every face.",
     more="Without it only double-sided glTF materials with an alpha mask, such as leaves, do so.")]
+SkyField = Annotated[str, _scene(
+    "Where light comes from: the same from everywhere, an overcast sky, or an equirectangular image (.hdr, .exr).",
+    metavar="uniform|overcast|FILE", path=True, keywords=("uniform", "overcast"),
+    more="Directions count by their light; open is 1. Overcast is the CIE's sky, three times as bright at the "
+    "zenith as at the horizon. Images have the zenith in the top row, and +X in the middle.")]
 GroundField = Annotated[bool, _scene(
     "Put the scene on an endless ground plane: no light comes from below.", common=True)]
 GroundHeightField = Annotated[float | None, _scene(
     "Height of the ground of `ground` along the axis that points up.", range=(-1_000_000_000, 1_000_000_000),
     unit="units of the mesh", metavar="X", default_text="the lowest point", more="What lies below the ground is dark.")]
-UpField = Annotated[Up, _scene("Axis that points up from the ground of `ground`. auto: y; z for STL, or as USD says.")]
+UpField = Annotated[Up, _scene("Axis that points up, for `ground` and `sky`. auto: y; z for STL, or as USD says.")]
 AllPartsField = Annotated[bool, _scene(
     "Treat levels of detail and collision hulls as ordinary parts.",
     more="Without it each level of detail is baked as if the others were not there (MSFT_lod, names like tree_LOD1), "
@@ -92,7 +97,7 @@ ThreadsField = Annotated[int, _run(
 @documented
 @dataclass(frozen=True, kw_only=True)
 class LightOptions(Validated):
-    """Which parts of a scene receive light and which occlude it."""
+    """Where light comes from, which parts of a scene receive it, and what occludes it."""
 
     only: OnlyField = ()
     exclude: ExcludeField = ()
@@ -101,6 +106,7 @@ class LightOptions(Validated):
     glass_occludes: GlassOccludesField = False
     all_parts: AllPartsField = False
     two_sided: TwoSidedField = False
+    sky: SkyField = "uniform"
     ground: GroundField = False
     ground_height: GroundHeightField = None
     up: UpField = "auto"
@@ -108,14 +114,23 @@ class LightOptions(Validated):
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
         super().__post_init__()
-        if self.up != "auto" and not self.ground:
+        if self.up != "auto" and not self.has_up:
             raise ArgumentError(
-                "up", f"is {self.up!r}, but there is no ground; add {{ground}}, or omit {{up}}", "ground", "up"
+                "up",
+                f"is {self.up!r}, but there is no ground and no sky; add {{ground}} or {{sky}}, or omit {{up}}",
+                "ground",
+                "sky",
+                "up",
             )
         if self.ground_height is not None and not self.ground:
             raise ArgumentError(
                 "ground_height", f"is {self.ground_height:g}, but there is no ground; add {{ground}}", "ground"
             )
+
+    @property
+    def has_up(self) -> bool:
+        """Whether it matters which axis points up."""
+        return self.ground or self.sky != "uniform"
 
 
 @documented
@@ -145,6 +160,10 @@ class ValueOptions(LightOptions):
                 "falloff",
                 f"is {self.falloff!r}, but occluders count at any distance; add {{max_distance}}",
                 "max_distance",
+            )
+        if self.sky != "uniform" and self.estimator == "mean":
+            raise ArgumentError(
+                "estimator", "is 'mean', whose divisor is that of a uniform sky; omit it, or {sky}", "sky"
             )
 
 
@@ -289,6 +308,7 @@ class VerifyOptions(Validated):
     glass_occludes: GlassOccludesField | None = None
     all_parts: AllPartsField | None = None
     two_sided: TwoSidedField | None = None
+    sky: SkyField | None = None
     ground: GroundField | None = None
     ground_height: GroundHeightField | None = None
     up: UpField | None = None
@@ -312,8 +332,12 @@ class VerifyOptions(Validated):
         """
         names = [field.name for field in option_fields(ValueOptions) if hasattr(self, field.name)]
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        value = baked or ValueOptions()
         if given.get("ground") is False:
-            given = {"up": "auto", "ground_height": None} | given
+            given = {"ground_height": None} | given
         if given.get("max_distance") == NONE:
             given = {"falloff": "none"} | given
-        return replace(baked or ValueOptions(), **given)
+        if {"ground", "sky"} & given.keys() and "up" not in given:
+            lit = replace(value, up="auto", **given)
+            return replace(lit, up=value.up) if lit.has_up else lit
+        return replace(value, **given)

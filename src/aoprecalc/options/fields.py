@@ -14,12 +14,10 @@ from math import inf, isfinite
 from numbers import Integral, Real
 from os import PathLike, fspath
 from textwrap import wrap
-from typing import Annotated, Any, Literal, NewType, TypeVar, cast, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.quantities import AUTO, BYTES, Quantity, read_distance
-
-FilePath = NewType("FilePath", str)  # of a file that decides the result, as the user gave it
 
 Kind = Literal[
     "flag", "choice", "names", "files", "integers", "vector", "size", "distance", "file", "integer", "number", "text"
@@ -58,7 +56,8 @@ class Option:
     metavar        placeholder of the value in `--help`; by default N, or the quantity's
     default_text   what the default stands for, where its value does not say it
     quantity       how the value is written as text, where that is not plain
-    keywords       texts that a file option takes instead of a path
+    path           a text is the path of a file that decides the result
+    keywords       texts that stand for themselves instead
     none           text that stands for None, where None may be "as baked" instead
     off            flag that switches it off
     part_of        option of the command line that sets this argument
@@ -76,6 +75,7 @@ class Option:
     metavar: str = ""
     default_text: str = ""
     quantity: Quantity | None = None
+    path: bool = False
     keywords: tuple[str, ...] = ()
     none: str = ""
     off: str = ""
@@ -108,14 +108,16 @@ class OptionField:
     def kind(self) -> Kind:
         """What sort of value it takes."""
         origin, arguments = get_origin(self.type), get_args(self.type)
+        if self.option.path:
+            return "files" if origin is tuple else "file"
         if origin is Literal:
             return "choice"
         if origin is tuple:
-            kinds_of_entries: dict[Any, Kind] = {str: "names", FilePath: "files", float: "vector"}
+            kinds_of_entries: dict[Any, Kind] = {str: "names", float: "vector"}
             return kinds_of_entries.get(arguments[0], "integers")
         if {float, str} <= {*arguments}:
             return "distance"
-        kinds: dict[Any, Kind] = {bool: "flag", int: "integer", float: "number", str: "text", FilePath: "file"}
+        kinds: dict[Any, Kind] = {bool: "flag", int: "integer", float: "number", str: "text"}
         return kinds.get(self.type, "size")
 
     @property

@@ -103,7 +103,8 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
         sides: list[ResolvedTexture] = []
         for side in setup.sides:
             chunk = max(1, min(FIT_CHUNK, len(side.texels)))
-            tester = backend.tester(side.surface, setup.integrand, chunk, baked.shadow_size or size)
+            integrand = replace(setup.integrand, sky=None)
+            tester = backend.tester(side.surface, integrand, chunk, baked.shadow_size or size)
             sides.append(gather_one_direction(setup, side, tester, direction, chunk))
         backend.check_errors()
     lighter = reduce(lighter_of_sides, sides)

@@ -114,6 +114,7 @@ class Scene:
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
     detail         the surface whose light is measured in the place of its own, see `mesh/detail.py`; None as a rule
+    sky            (h, w) float32 > 0: an image of the light from all around, see `ImageSky`; None without one
     surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
     ground_normal  the unit vector away from the infinite ground plane; None where there is none
     ground_height  of that plane along its normal; None: that of the lowest point
@@ -134,6 +135,7 @@ class Scene:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     detail: object = None
+    sky: Float32Array | None = None
     surroundings: Float64Array | None = None
     ground_normal: tuple[float, float, float] | None = None
     ground_height: float | None = None

@@ -158,6 +158,10 @@ def first_look(
         falloff="none",
         cone=180,
         weight="cosine",
+        sky="uniform",
+        up="auto",
+        ground=False,
+        ground_height=None,
     )
     if embreex_problem() is None:
         backend = RayBackend(options.threads)

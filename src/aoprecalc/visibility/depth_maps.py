@@ -80,9 +80,12 @@ class DepthMaps:
         """Return how many triangles are small along all axes of a group, so that no result depends on the batches."""
         return int(np.searchsorted(self._longest, _SMALL * projections.pitch.min()))
 
-    def render(self, projections: Projections, small: int) -> None:
-        """Render the maps of at most `capacity` projections; they stay until the next call. See `count_small`."""
-        self._axes.write(self._axis_rows(projections))
+    def render(self, projections: Projections, small: int, radiance: Float64Array | None = None) -> None:
+        """Render the maps of at most `capacity` projections; they stay until the next call. See `count_small`.
+
+        radiance   (a, 2): of the sky, from the positive and from the negative end of each axis; None: 1
+        """
+        self._axes.write(self._axis_rows(projections, radiance))
         self._target.use()
         self._target.clear()
         self._context.memory_barrier()  # the images below are the textures of the target
@@ -139,14 +142,15 @@ class DepthMaps:
         for unit, texture in enumerate(self._textures):
             texture.bind_to_image(unit, format=_R32UI)
 
-    def _axis_rows(self, projections: Projections) -> Float32Array:
-        """Lay out uniform block 0, (capacity, 5, 4) float32: projection (3 rows); pitch, below; origin of the tile."""
+    def _axis_rows(self, projections: Projections, radiance: Float64Array | None) -> Float32Array:
+        """Lay out uniform block 0, (capacity, 5, 4) float32: projection (3 rows); pitch, below; tile, radiance."""
         count = len(projections.rows)
         rows = np.zeros((self.capacity, 5, 4))
         rows[:count, :3] = projections.rows
         rows[:count, 3, :2] = projections.pitch
         rows[:count, 3, 2] = projections.below
         rows[:count, 4, :2] = self._tile_origins[:count]
+        rows[:count, 4, 2:] = 1.0 if radiance is None else radiance
         return rows.astype(np.float32)
 
 
@@ -191,6 +195,7 @@ class ReceiverBuffers:
             GRID=float(GRID),
             WEIGHT="cosine" if integrand.weight == "cosine" else "1.0",
             MIN_COSINE=integrand.min_cosine,
+            SKY="false" if integrand.sky is None else "true",
         )
         self._gather["max_taps"] = 4
         self._maps = maps
@@ -257,7 +262,7 @@ class DepthMapTester:
     ) -> None:
         """Allocate for `max_samples` at a time and for maps of `shadow_size` texels a side."""
         self._hull = convex_hull_points(surface.receiving_points.astype(np.float64))
-        self._shadow_size, self._surface = shadow_size, surface
+        self._shadow_size, self._surface, self._integrand = shadow_size, surface, integrand
         self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size, clip=surface.has_outer_occluders)
         self._receivers = ReceiverBuffers(renderer.context, surface, integrand, max_samples, self._maps)
 
@@ -266,9 +271,11 @@ class DepthMapTester:
         self._receivers.place(samples)
         projections = fit_projections(axes, self._hull, self._shadow_size, self._surface.ground_normal)
         small = self._maps.count_small(projections)
+        radiance = np.stack([self._integrand.radiance(end) for end in (axes, -axes)], axis=1)
         for start in range(0, len(axes), self._maps.capacity):
-            batch = projections.select(slice(start, start + self._maps.capacity))
-            self._maps.render(batch, small)
+            chosen = slice(start, start + self._maps.capacity)
+            batch = projections.select(chosen)
+            self._maps.render(batch, small, radiance[chosen])
             self._receivers.gather()
             progress.advance(2 * len(batch.rows))
         sums = self._receivers.read_sums()

@@ -13,8 +13,8 @@
 
 layout(local_size_x = LOCAL_SIZE) in;
 
-// Per axis: map x, map y, depth; pitch x, pitch y, the end that points below the ground; first map texel of the tile.
-// All zero beyond the last axis of a batch.
+// Per axis: map x, map y, depth; pitch x, pitch y, the end that points below the ground; first map texel of the tile,
+// radiance of the sky from the positive and the negative end. All zero beyond the last axis of a batch.
 layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 layout(std430, binding = 1) readonly buffer Points { uvec4 points[]; };  // bits of the position, packed shading normal
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
@@ -41,6 +41,7 @@ void addAxis(inout Receiver at, int axis) {
     float cosine = g_along > 0.0 ? n_along : g_along < 0.0 ? -n_along : 0.0;
     float weight = cosine > 0.0 && cosine >= MIN_COSINE ? WEIGHT : 0.0;
     float towards = g_along > 0.0 ? 1.0 : -1.0;  // the end of the axis from which light comes
+    if (SKY) weight *= towards > 0.0 ? rows[axis + 4].z : rows[axis + 4].w;
 
     vec2 map = vec2(dot(across, at.point), dot(upward, at.point));
     vec2 tile = rows[axis + 4].xy, cell = floor(map);

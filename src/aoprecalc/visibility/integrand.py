@@ -2,14 +2,15 @@
 
 With the shading normal n and the geometric normal g of a surface point, over uniform directions w:
 
-    AO = sum f(n.w) [g.w > 0] (1 - p(t / D)) / sum f(n.w) [g.w > 0]
+    AO = sum f(n.w) L(w) [g.w > 0] (1 - p(t / D)) / sum f(n.w) L(w) [g.w > 0]
 
     f   the weight of a direction: n.w, or 1; 0 where w lies outside the cone about n
+    L   the radiance of the sky, as a rule 1
     t   the distance to the nearest occluder along w, and D the maximum distance
     p   what an occluder takes at x = t / D < 1: 1, linear 1 - x, or smooth 1 - 3 x^2 + 2 x^3; 0 from x = 1
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, inf, radians
 from typing import Self
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from aoprecalc.mesh.surface import positions_of
 from aoprecalc.options import Estimator, Falloff, Sampling, ValueOptions, Weight
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
+from aoprecalc.visibility.sky import Sky, sky_of
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Integrand:
 
     min_cosine     of the angle between the shading normal and the directions that count: of half the cone
     max_distance   in the units of the mesh, from which occluders take nothing
+    sky            None: uniform
     """
 
     estimator: Estimator = "ratio"
@@ -34,6 +37,7 @@ class Integrand:
     min_cosine: float = 0.0
     max_distance: float = inf
     falloff: Falloff = "none"
+    sky: Sky | None = None
 
     @classmethod
     def from_options(cls, options: ValueOptions, scene: Scene) -> Self:
@@ -44,7 +48,12 @@ class Integrand:
             distance = float(distance.rstrip("%")) / 100 * diagonal
         min_cosine = 0.0 if options.cone == 180 else cos(radians(options.cone / 2))
         limit = inf if distance is None else distance
-        return cls(options.estimator, options.weight, min_cosine, limit, options.falloff)
+        sky = sky_of(scene, options)
+        return cls(options.estimator, options.weight, min_cosine, limit, options.falloff, sky)
+
+    def for_directions(self, directions: Float64Array) -> Self:
+        """Return it for the (n, 3) light directions of a bake, uniform on the sphere; see `Sky.averaged`."""
+        return self if self.sky is None else replace(self, sky=self.sky.averaged(directions))
 
     @property
     def mean_weight(self) -> float:
@@ -55,6 +64,10 @@ class Integrand:
         """Return f, (k,), for the cosines of k directions with the shading normals."""
         counts = (cosines > 0) & (cosines >= self.min_cosine)
         return np.where(counts, cosines if self.weight == "cosine" else 1.0, 0.0)
+
+    def radiance(self, directions: NDArray[np.floating]) -> Float64Array:
+        """Return L, (k,), for (k, 3) unit vectors."""
+        return np.ones(len(directions)) if self.sky is None else self.sky.radiance(directions)
 
     def occlusion(self, distances: NDArray[np.floating]) -> Float64Array:
         """Return p, (k,) in [0, 1], for distances to the nearest occluder in the units of the mesh; NaN for none."""

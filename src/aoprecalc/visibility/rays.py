@@ -23,6 +23,7 @@ from aoprecalc.visibility.integrand import Integrand
 RAY_OFFSET = 1e-5
 _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
 _FAR = 1e30  # Embree gives more where a ray hits nothing
+_SIGNS = (1.0, -1.0)  # of the two directions of an axis
 _ABOVE = 1.5  # distance from the origin at which rays along an axis start, outside the unit sphere
 
 
@@ -199,10 +200,11 @@ class RayTester:
         points, normals, geometric = self._surface.interpolate(samples.faces[with_face], samples.weights[with_face])
         origins = (points + RAY_OFFSET * geometric).astype(np.float32)
         visible, total = np.zeros(len(with_face)), np.zeros(len(with_face))
-        for axis in axes:
+        radiance = np.stack([self._integrand.radiance(sign * axes) for sign in _SIGNS], axis=1).tolist()
+        for axis, lights in zip(axes, radiance, strict=True):
             g_dot_axis, n_dot_axis = geometric @ axis, normals @ axis
-            for sign in (1.0, -1.0):
-                weights = self._integrand.weights(sign * n_dot_axis)
+            for sign, light in zip(_SIGNS, lights, strict=True):
+                weights = light * self._integrand.weights(sign * n_dot_axis)
                 in_front = np.flatnonzero((sign * g_dot_axis > 0) & (weights > 0))
                 taken = self._rays.occlusion(origins[in_front], (sign * axis)[None].astype(np.float32))
                 total[in_front] += weights[in_front]

@@ -6,6 +6,8 @@ An axis is a pair of opposite light directions, given by one unit vector.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from aoprecalc.errors import ArgumentError, format_bytes
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
@@ -137,8 +139,8 @@ class BakeSetup:
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
         detail = detail_of(scene)
         self._projection = None if detail is None else Projection(scene, detail, options.threads)
-        self.integrand = Integrand.from_options(options, scene)
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
+        self.integrand = Integrand.from_options(options, scene).for_directions(np.concatenate([self.axes, -self.axes]))
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()
         passes = baked_apart(scene if detail is None else detail.scene)

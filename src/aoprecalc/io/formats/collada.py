@@ -25,12 +25,11 @@ from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.formats.materials import ExaminedMaterial, PicturedFormat, examine, picture_search
 from aoprecalc.io.formats.polygons import Polygons, corner_order, polygon_triangles
 from aoprecalc.progress import Note
-from aoprecalc.texture_lookup import linear_from_srgb
+from aoprecalc.texture_lookup import LUMINANCE, linear_from_srgb
 from aoprecalc.types import Float64Array, Int64Array, Material, Scene
 
 _MAX_NODES = 100_000  # instances of nodes multiply: a few kilobytes may be more than memory
 _MAX_TOLD = 3  # errors of pycollada that are passed on
-_LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear colours
 # What is not read: words for it -> how it begins in the XML.
 _LEFT_OUT = {
     "animations": rb"animation\b",
@@ -353,6 +352,6 @@ def _opacity(effect: Any, mode: str) -> float:
     elif is_alpha:
         value = float(color[3])
     else:
-        value = float(linear_from_srgb(np.clip(color[:3], 0, 1)) @ _LUMINANCE)
+        value = float(linear_from_srgb(np.clip(color[:3], 0, 1)) @ LUMINANCE)
     kept = value * factor
     return float(np.clip(kept if mode in ("A_ONE", "RGB_ONE") else 1 - kept, 0, 1))
