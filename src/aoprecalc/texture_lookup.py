@@ -12,6 +12,7 @@ from aoprecalc.types import Float32Array, Float64Array, Int64Array, UInt8Array, 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear colours (ITU-R BT.709)
 
 _Float = TypeVar("_Float", np.float32, np.float64)
+_Texel = TypeVar("_Texel", np.float32, np.bool_)
 _MAX_CELLS = 2048  # along the sides of the finest bounds of alpha
 _MAX_BORDER = 0.5  # of the size of a texture, by which a clamped one is extended; farther away its look-ups differ
 
@@ -57,31 +58,68 @@ def bilinear(image: Float32Array, uvs: Float64Array, *, repeats: bool) -> Float6
 
 
 _MAX_JOINED = 1 << 25  # texels
+_MARGIN = 16  # rows between textures that are joined: none is mixed with the next up to mip level 4
+_MAX_REPEATS = 4  # along an axis, of a texture that is joined
+
+
+@dataclass(frozen=True, eq=False)
+class TextureStack:
+    """Textures below each other in one, with rows between them, so that one set of UVs serves them all.
+
+    shapes    (height, width) of each
+    repeats   how often each is there along v and u, for faces that span several of its repeats
+    """
+
+    shapes: tuple[tuple[int, int], ...]
+    repeats: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, shapes: Sequence[tuple[int, int]], owners: Int64Array, uvs: Float64Array) -> Self:
+        """Return the stack for faces with (f,) indices of their textures, -1 for none, and (f, 3, 2) UVs."""
+        spans = _from_first_repeat(uvs).max(axis=1)
+        needed = (np.ceil(spans[owners == index].max(axis=0, initial=1) - 1e-6) for index in range(len(shapes)))
+        return cls(tuple(shapes), tuple((int(v), int(u)) for u, v in (np.minimum(n, _MAX_REPEATS) for n in needed)))
+
+    def join(self, textures: Sequence[NDArray[_Texel]]) -> NDArray[_Texel]:
+        """Return one texture of several, each (height, width) or (height, width, channels)."""
+        width = max(columns * u for (_, columns), (_, u) in zip(self.shapes, self.repeats, strict=True))
+        pages = []
+        for texture, (v, u) in zip(textures, self.repeats, strict=True):
+            flat = [(0, 0)] * (texture.ndim - 2)
+            tiled = np.tile(texture, (v, u, *(1 for _ in flat)))
+            pages.append(np.pad(tiled, ((_MARGIN, _MARGIN), (0, width - tiled.shape[1]), *flat), mode="edge"))
+        return np.concatenate(pages)
+
+    def move(self, owners: Int64Array, uvs: Float64Array) -> Float64Array:
+        """Return the UVs of faces in the one texture, (f, 3, 2), see `of`; (0, 0) where they have none."""
+        within, moved = _from_first_repeat(uvs), np.zeros_like(uvs)
+        width = max(columns * u for (_, columns), (_, u) in zip(self.shapes, self.repeats, strict=True))
+        heights = [height * v + 2 * _MARGIN for (height, _), (v, _) in zip(self.shapes, self.repeats, strict=True)]
+        for index, ((height, columns), (v, u)) in enumerate(zip(self.shapes, self.repeats, strict=True)):
+            own, top = owners == index, sum(heights[:index]) + _MARGIN
+            moved[own, :, 0] = within[own, :, 0].clip(0, u) * columns / width
+            moved[own, :, 1] = 1 - (top + (v - within[own, :, 1].clip(0, v)) * height) / sum(heights)
+        return moved
+
+
+def _from_first_repeat(uvs: Float64Array) -> Float64Array:
+    """Return (f, 3, 2) UVs moved by whole numbers, so that the least of each face lies in [0, 1)."""
+    return uvs - np.floor(uvs.min(axis=1, keepdims=True))
 
 
 def join_textures(
-    textures: Sequence[Float32Array], owners: Int64Array, uvs: Float64Array
+    textures: Sequence[Float32Array], owners: Int64Array, uvs: Float64Array, *, whole: bool = False
 ) -> tuple[Float32Array, Float64Array]:
     """Lay textures below each other in one, and move the UVs of their faces there.
 
-    textures   each (h, w); all are halved until they have at most 2^25 texels together
+    textures   each (h, w); unless `whole` all are halved until they have at most 2^25 texels together
     owners     (f,) index of the texture of each face, -1 for none
-    uvs        (f, 3, 2) float64, v upwards; a face that spans several repeats of its texture is clamped to one
+    uvs        (f, 3, 2) float64, v upwards
     """
-    while sum(texture.size for texture in textures) > _MAX_JOINED:
+    while not whole and sum(texture.size for texture in textures) > _MAX_JOINED:
         textures = [mip_chain(texture, 2)[-1] for texture in textures]
-    heights, width = [len(texture) for texture in textures], max(texture.shape[1] for texture in textures)
-    joined = np.concatenate(
-        [np.pad(texture, ((0, 0), (0, width - texture.shape[1])), mode="edge") for texture in textures]
-    )
-    low = uvs.min(axis=1, keepdims=True)
-    within = (uvs - np.floor(low)).clip(0, 1)
-    moved = np.zeros_like(uvs)
-    for index, (texture, top) in enumerate(zip(textures, np.cumsum([0, *heights]), strict=False)):
-        own, (height, columns) = owners == index, texture.shape
-        moved[own, :, 0] = within[own, :, 0] * columns / width
-        moved[own, :, 1] = 1 - (top + (1 - within[own, :, 1]) * height) / len(joined)
-    return joined, moved
+    stack = TextureStack.of([(len(texture), texture.shape[1]) for texture in textures], owners, uvs)
+    return stack.join(textures), stack.move(owners, uvs)
 
 
 def mip_chain(image: Float32Array, levels: int) -> list[Float32Array]:

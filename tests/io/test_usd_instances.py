@@ -6,7 +6,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
-from aoprecalc.io.formats.base import output_uvs
+from aoprecalc.io.formats.textures import output_uvs
 from usd_stages import CORNERS, QUAD, SIDES, add_material, add_mesh, bind, write_baked
 
 

@@ -16,7 +16,7 @@ from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
 from aoprecalc.errors import counted
 from aoprecalc.io import Outputs, load_scene, source_files
-from aoprecalc.io.formats.base import output_uvs
+from aoprecalc.io.formats.textures import output_uvs
 from aoprecalc.io.images import png_bytes
 from aoprecalc.io.outputs import write_json
 from aoprecalc.metrics.errors import TextureErrors

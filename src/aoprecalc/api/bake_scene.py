@@ -1,5 +1,6 @@
 """The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and a report."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial, reduce
 
@@ -39,7 +40,7 @@ from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_tex
 from aoprecalc.types import Baked, DarkTexels, Part, Scene, UvCheck
 from aoprecalc.uv.checks import TexelDensity, needs_uvs, surface_share
 from aoprecalc.uv.pack import first_unsafe_mip
-from aoprecalc.visibility.backend import open_backend
+from aoprecalc.visibility.backend import Backend, open_backend
 from aoprecalc.visibility.dark_texels import dark_texels, first_look
 from aoprecalc.visibility.directions import auto_shadow_size
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
@@ -53,11 +54,13 @@ def bake_scene(
     progress: Progress | None = None,
     timer: StageTimer | None = None,
     make_visibility: VisibilityFactory = LocalVisibility,
+    opened: Backend | None = None,
 ) -> Baked:
-    """Bake a scene in memory (Précalcul, section 1.1).
+    """Bake one texture of a scene in memory (Précalcul, section 1.1).
 
     timer             receives the seconds of each stage
     make_visibility   makes the source of the visibility sums of one side; by default this process computes them
+    opened            the backend; None: that of the options is opened
     Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
     beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
     direction, RendererError where there is no renderer.
@@ -66,7 +69,7 @@ def bake_scene(
     timer = timer or StageTimer(progress)
     scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
     normals = shading_normals(scene, options.normals, options.crease_angle)
-    with open_backend(options, progress) as backend:
+    with nullcontext(opened) if opened else open_backend(options, progress) as backend:
         backend.check_size(options)
         with timer.stage("unwrap"):
             look = partial(first_look, backend, scene, normals, options)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError, counted, one_or_many, option_name
 from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, source_files, texture_values
-from aoprecalc.io.formats.base import output_uvs
+from aoprecalc.io.formats.textures import output_uvs
 from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, every_occlusion, mesh_beside
 from aoprecalc.mesh.roles import assign_roles, finest_level, names_a_part, up_axis
 from aoprecalc.mesh.surface import face_normals, shading_normals

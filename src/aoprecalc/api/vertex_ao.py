@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.io.formats.base import shared_by_owners
+from aoprecalc.io.formats.textures import shared_by_owners
 from aoprecalc.mesh.surface import SurfacePoints, area_vectors, sample_surface, to_unit_sphere
 from aoprecalc.mesh.vertex_values import fit_vertex_values, vertex_groups
 from aoprecalc.metrics.errors import TextureErrors

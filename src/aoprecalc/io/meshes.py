@@ -4,18 +4,18 @@
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.baked_options import baked_options, baked_triangles, occlusion_values
 from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, as_packed, is_archive
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, VertexOcclusion, WrittenMesh
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.collada import ColladaFormat
 from aoprecalc.io.formats.fbx import FbxFormat
@@ -27,8 +27,8 @@ from aoprecalc.io.formats.ply import PlyFormat
 from aoprecalc.io.formats.recognition import foreign_file, unreadable_file
 from aoprecalc.io.formats.usd import UsdFormat
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.options import Pack, ValueOptions, VertexAo
-from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Scene
+from aoprecalc.options import Pack, Textures, ValueOptions, VertexAo
+from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Part, Scene
 
 _UNPACKED: tuple[MeshFormat, ...] = (
     ObjFormat(),
@@ -150,16 +150,23 @@ def _meshes_in(folder: Path) -> list[str]:
 # Writing.
 
 
-def output_mesh_extension(scene: Scene, atlas: Atlas | None = None) -> tuple[str, str]:
+def output_mesh_extension(scene: Scene, atlases: Sequence[Atlas] = ()) -> tuple[str, str]:
     """Return the extension (with its dot) of the baked copy of a scene, and why it differs from the input's, if so.
 
-    atlas   of the bake; None before it is known, when new UVs have to be expected
+    atlases   of the textures of the bake; none before they are known, when new UVs have to be expected
     """
-    return _scene_format(scene).output_extension(scene, atlas)
+    return _scene_format(scene).output_extension(scene, atlases)
 
 
-def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none", vertex_ao: VertexAo = "none") -> None:
-    """Raise UsageError unless a mesh with UVs, packed and with values as asked for, can be written under that name."""
+def grouped(scene: Scene, part: Part, by: Literal["material", "mesh"]) -> tuple[Hashable, str]:
+    """Return what tells the material, or the mesh, of a part from others, and its name; empty where it has none."""
+    return _scene_format(scene).grouped(scene, part, by)
+
+
+def check_mesh_extension(
+    path: str | PathLike[str], pack: Pack = "none", vertex_ao: VertexAo = "none", textures: Textures = "one"
+) -> None:
+    """Raise UsageError unless a mesh with UVs, textures and values as asked for can be written under that name."""
     suffix = Path(path).suffix.lower()
     if suffix not in OUTPUT_MESH_EXTENSIONS:
         known = ", ".join(OUTPUT_MESH_EXTENSIONS)
@@ -171,35 +178,25 @@ def check_mesh_extension(path: str | PathLike[str], pack: Pack = "none", vertex_
     if vertex_ao != "none" and not _BY_EXTENSION[suffix].holds_vertex_ao:
         found = f"is {vertex_ao}, which needs .gltf, .glb or .ply, but the mesh is {path}"
         raise ArgumentError("vertex_ao", f"{found}; omit it, or write one of these")
+    if textures != "one" and not _BY_EXTENSION[suffix].holds_textures:
+        known = ", ".join(extension for extension, kind in _BY_EXTENSION.items() if kind.holds_textures)
+        found = f"is {textures}, but {path} refers to one texture; {known} were expected"
+        raise ArgumentError("textures", f"{found}; omit it, or write one of these")
 
 
-def write_baked_mesh(
-    outputs: Outputs,
-    mesh_path: str | PathLike[str],
-    scene: Scene,
-    atlas: Atlas,
-    normals: Float32Array,
-    texture_path: str | PathLike[str],
-    *,
-    pack: Pack = "none",
-    options: ValueOptions | None = None,
-    strength: float = 1.0,
-    vertices: VertexOcclusion | None = None,
-) -> WrittenMesh:
+def write_baked_mesh(outputs: Outputs, mesh_path: str | PathLike[str], mesh: MeshWithAo) -> WrittenMesh:
     """Write a mesh with the UVs and normals of its bake in the format of `mesh_path`'s extension.
 
-    outputs        receives all files: the mesh and what belongs to it (.mtl, .bin, copies of images)
-    texture_path   the baked texture, already written: to `outputs`, or as a file
-    normals, pack, options, strength, vertices   see `MeshWithAo`
+    outputs   receives all files: the mesh and what belongs to it (.mtl, .bin, copies of images)
+    mesh      its textures are written already: to `outputs`, or as files
 
     A glTF source stays as it is except for the occlusion texture; OBJ and PLY refer to the texture by map_Kd or map_Ka
     and by a TextureFile comment. A GLB embeds the texture.
 
     Raises UsageError for another extension, OutputError where a file cannot be written.
     """
-    check_mesh_extension(mesh_path, pack)
-    path = Path(mesh_path)
-    mesh = MeshWithAo(scene, atlas, normals, Path(texture_path), pack, options, strength, vertices)
+    check_mesh_extension(mesh_path, mesh.pack)
+    path, scene = Path(mesh_path), mesh.scene
     try:
         format_of(path).check_source(path, scene)
         written = format_of(path).write_with_ao(outputs, path, mesh)

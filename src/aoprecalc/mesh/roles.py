@@ -139,11 +139,13 @@ def baked_apart(scene: Scene) -> tuple[Scene, ...]:
     rays that are as fine as one group needs could not reach to the next. All of them occlude in each of these passes.
     """
     levels = [at_level(scene, level) for level in range(scene.levels)]
-    return tuple(group for shown in levels if shown.receives.any() for group in _groups(shown))
+    groups = [group for shown in levels if shown.receives.any() for group in _groups(shown)]
+    return tuple(group for group in groups if group.receives.any())
 
 
 def _groups(scene: Scene) -> tuple[Scene, ...]:
-    receiving = [number for number, part in enumerate(scene.parts) if part.receives and part.stop > part.start]
+    receives = scene.receives
+    receiving = [number for number, part in enumerate(scene.parts) if receives[part.faces].any()]
     if len(receiving) < 2 or any(part.uv_owner is not None for part in scene.parts):
         return (scene,)
     from scipy.ndimage import label  # in functions: slow to import

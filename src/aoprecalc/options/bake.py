@@ -18,6 +18,7 @@ BitDepth = Literal["auto", "8", "16", "half", "float"]
 Instances = Literal["bake", "share"]
 Pack = Literal["none", "orm"]
 VertexAo = Literal["none", "attribute", "color"]
+Textures = Literal["one", "material", "mesh"]
 Up = Literal["auto", "x", "y", "z"]
 Falloff = Literal["none", "linear", "smooth"]
 Weight = Literal["cosine", "uniform"]
@@ -217,6 +218,11 @@ class BakeOptions(_TextureSize, ValueOptions):
         default_text="as many as the texture has room for, more where they are needed",
         more="The shorter side of the texture counts. A size that has no room for it is refused. UVs that are kept "
         "have a density of their own.")] = None
+    textures: Annotated[Textures, _texture(
+        "Bake one texture, or one for each material or mesh of the file; `size` is that of each.",
+        more="All parts occlude each other as in one texture. Several are named after their material or mesh, as "
+        "`<name>_ao.<material>.png`. Where a material or mesh has UVs that can hold its own bake, they are kept. One "
+        "texture becomes several where the file's UVs lie on UDIM tiles.")] = "one"
     padding: Annotated[int, _texture(
         "Texels by which charts are extended into the gutters around them.", range=(0, 256), unit="texels",
         more="Gutters are packed twice as wide where there is room.")] = 8

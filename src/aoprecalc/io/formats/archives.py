@@ -8,12 +8,12 @@ import shutil
 import tempfile
 import weakref
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal
 from zipfile import BadZipFile, ZipFile, ZipInfo, is_zipfile
 
 import numpy as np
@@ -183,9 +183,13 @@ class UnpackedFormat(MeshFormat):
         """Return the ZIP."""
         return [scene.path]
 
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+    def output_extension(self, scene: Scene, atlases: Sequence[Atlas]) -> tuple[str, str]:
         """Return .glb."""
         return ".glb", f"the {self.name} of a ZIP becomes a GLB with its pictures"
+
+    def grouped(self, scene: Scene, part: Part, by: Literal["material", "mesh"]) -> tuple[Hashable, str]:
+        """Ask the inner format."""
+        return self._inner.grouped(scene, part, by)
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Ask the inner format."""
@@ -238,7 +242,7 @@ class ThreeMfFormat(MeshFormat):
             messages.append(f"{path}: {self.name} is read without {', '.join(lost)}, which it has; export it as glTF")
         return build_scene(path, "3mf", list(_pieces(loaded)), messages=messages)
 
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+    def output_extension(self, scene: Scene, atlases: Sequence[Atlas]) -> tuple[str, str]:
         """Return .glb."""
         return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
 

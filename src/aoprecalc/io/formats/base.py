@@ -6,30 +6,30 @@ a bake. Formats do not import each other; they share data through `SourceDocumen
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, count
+from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Literal, TypeVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from aoprecalc.errors import UsageError
 from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.polygons import Polygons
+from aoprecalc.io.formats.textures import (
+    MeshTexture,
+    first_uvs,
+    part_material,
+    split_parts,
+    texture_owners,
+    textures_uvs,
+)
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
-from aoprecalc.types import (
-    REVERSED_WINDING,
-    Atlas,
-    BaseColor,
-    Float32Array,
-    Float64Array,
-    Part,
-    Scene,
-    Wrap,
-)
+from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Int64Array, Part, Scene, Wrap
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,8 @@ class VertexOcclusion:
 class MeshWithAo:
     """A scene with the results of its bake, to be written as a mesh file.
 
-    atlas     of the scene
+    textures  at least one; each face has at most one of them
     normals   (f, 3, 3) float32, unit length: the shading normals that were used
-    texture   the path of the baked texture, already written
     pack      "orm": glTF stores occlusion in one image with roughness and metalness where these use the same UVs
     options   those that define the value, to be written beside it; None for none
     strength  of the occlusion, 0 to 1, where the format has one
@@ -58,13 +57,44 @@ class MeshWithAo:
     """
 
     scene: Scene
-    atlas: Atlas
+    textures: tuple[MeshTexture, ...]
     normals: Float32Array
-    texture: Path
     pack: Pack = "none"
     options: ValueOptions | None = None
     strength: float = 1.0
     vertices: VertexOcclusion | None = None
+
+    @cached_property
+    def owners(self) -> Int64Array:
+        """(f,) index of the texture of each face; -1 where it has none."""
+        return texture_owners(self.textures)
+
+    @cached_property
+    def uvs(self) -> Float64Array:
+        """(f, 3, 2) the UVs of each face in its texture; (0, 0) where it has none."""
+        return textures_uvs(self.scene, self.textures)
+
+    @cached_property
+    def mapped(self) -> BoolArray:
+        """(f,) faces with UVs of their own in their texture; see `Atlas`."""
+        return np.any([texture.atlas.mapped & texture.faces for texture in self.textures], axis=0)
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts, each with one texture or none; see `split_parts`."""
+        return split_parts(self.scene.parts, self.owners)
+
+    def per_face(self, values: Iterable[bool]) -> BoolArray:
+        """Return the value of each face's texture, (f,) bool, from one for each; False where it has none."""
+        chosen: BoolArray = np.array([*values, False])[self.owners]
+        return chosen
+
+    def only_texture(self, path: Path) -> MeshTexture:
+        """Return the one texture; raises UsageError where there are several, which the file at `path` cannot hold."""
+        if len(self.textures) > 1:
+            found = f"{path}: holds one texture, but the bake has {len(self.textures)}"
+            raise UsageError(f"{found}; write a .glb, or bake one with --textures one and new UVs (--unwrap xatlas)")
+        return self.textures[0]
 
 
 @dataclass(frozen=True)
@@ -124,6 +154,7 @@ class MeshFormat(ABC):
     holds_options  the file says how its texture was baked, even where the texture does not
     has_strength   the file says how strong its occlusion is
     holds_vertex_ao   the vertices can have the values of a bake
+    holds_textures    its materials can have different baked textures
     """
 
     name: ClassVar[str]
@@ -135,6 +166,7 @@ class MeshFormat(ABC):
     holds_options: ClassVar[bool] = False
     has_strength: ClassVar[bool] = False
     holds_vertex_ao: ClassVar[bool] = False
+    holds_textures: ClassVar[bool] = False
 
     @abstractmethod
     def sniff(self, data: bytes) -> bool:
@@ -155,11 +187,13 @@ class MeshFormat(ABC):
         """Return the files that a scene was read from or refers to; no output may replace them."""
         return [scene.path]
 
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+    def output_extension(self, scene: Scene, atlases: Sequence[Atlas]) -> tuple[str, str]:
         """Return the extension of the baked copy of a scene of this format, and why it differs; empty if it does not.
 
-        atlas   of the bake; None before it is known, when new UVs have to be expected
+        atlases   of the textures of the bake; none before they are known, when new UVs have to be expected
         """
+        if self.writes and len(atlases) > 1 and not self.holds_textures:
+            return ".glb", f"{self.name} is written with one texture, so the mesh becomes a GLB with all"
         if self.writes:
             return f".{scene.format}", ""
         return ".glb", f"{self.name} holds no UVs, so the mesh becomes a GLB"
@@ -171,6 +205,11 @@ class MeshFormat(ABC):
     def write_with_ao(self, outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
         """Write a scene of any format with the UVs, normals and texture of its bake."""
         raise NotImplementedError(f"{self.name} is not written")
+
+    def grouped(self, scene: Scene, part: Part, by: Literal["material", "mesh"]) -> tuple[Hashable, str]:
+        """Return what tells the material, or the mesh, of a part from others, and its name; empty where it has none."""
+        name = part_material(part) if by == "material" else part.name
+        return name, name or ""
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusion texture of a part, and its UVs; raises InputError where the document is damaged."""
@@ -197,7 +236,7 @@ class MeshFormat(ABC):
                 f"{path}: {self.name} holds neither transparency nor alpha masks, which the bake has used; "
                 f"{advice} them"
             )
-        if self.one_uv_set and scene.uv_sets and mesh.atlas.uv_set != 0:
+        if self.one_uv_set and scene.uv_sets and any(one.atlas.uv_set != 0 for one in mesh.textures):
             lost.append(f"{path}: {self.name} holds one set of UVs; those of {source} are replaced, {advice} both")
         if own or scene.document is None:
             return tuple(lost)
@@ -209,8 +248,6 @@ class MeshFormat(ABC):
             lost.append(f"{path}: the colours of the vertices of {source} are left out; {advice} them")
         return tuple(lost)
 
-
-Values = TypeVar("Values", Float32Array, Float64Array)
 
 # What a format can use of a file of another format.
 
@@ -294,13 +331,6 @@ class SourceDocument:
         return None
 
 
-@dataclass(frozen=True)
-class PartSource:
-    """Where a part of a scene comes from: the name of its material; None where it has none."""
-
-    material: str | None = None
-
-
 def source_polygons(scene: Scene) -> Polygons:
     """Return the polygons of a scene's file, or else its triangles."""
     document = scene.document
@@ -320,59 +350,3 @@ def source_colors(scene: Scene) -> Float32Array | None:
 def source_frame(scene: Scene) -> tuple[Note, ...]:
     """Return notes on the unit and axes of a scene's file."""
     return scene.document.frame if isinstance(scene.document, SourceDocument) else ()
-
-
-MaterialUse = tuple[str | None, bool]  # the name of a material, None for none, and whether its parts are baked
-
-
-def material_use(part: Part) -> MaterialUse:
-    """Return the material of a part, and whether the part is baked."""
-    return (part.source.material if isinstance(part.source, PartSource) else None), part.receives
-
-
-def material_names(parts: Sequence[Part], known: Iterable[str]) -> dict[MaterialUse, str]:
-    """Name the materials of the output, as in the file.
-
-    If a material is used by baked and unbaked parts, the baked ones get a renamed copy.
-    known   names of materials that are taken, beside those of the parts
-    """
-    uses = list(dict.fromkeys(map(material_use, parts)))
-    taken = {*known, *(material for material, _ in uses if material)}
-    names: dict[MaterialUse, str] = {}
-    for material, baked in uses:
-        if material is not None and not (baked and (material, False) in uses):
-            names[material, baked] = material
-            continue
-        name = f"{material}_ao" if material else "baked" if baked else "plain"
-        free = next(free for free in chain([name], (f"{name}_{n}" for n in count(2))) if free not in taken)
-        taken.add(free)
-        names[material, baked] = free
-    return names
-
-
-# UVs at the corners of faces.
-
-
-def first_uvs(scene: Scene, part: Part) -> Float64Array | None:
-    """Return the first UV set at the corners of a part, (n, 3, 2) float64; None where there is none."""
-    return None if scene.uvs is None else scene.uvs[part.faces]
-
-
-def output_uvs(scene: Scene, atlas: Atlas) -> Float64Array:
-    """Return the UVs to write, (f, 3, 2): parts that share a UV region get those of the part that owns it.
-
-    They are (0, 0) on parts that are not baked.
-    """
-    return shared_by_owners(scene, np.where(scene.receives[:, None, None], atlas.uvs, 0.0))
-
-
-def shared_by_owners(scene: Scene, corners: Values) -> Values:
-    """Return (f, 3, c) values at corners in which parts that share a UV region have those of the part that owns it."""
-    result = corners.copy()
-    for part in scene.parts:
-        if part.receives and part.uv_owner is not None:
-            owner = scene.parts[part.uv_owner]
-            mirrored = (part.vertices != owner.vertices).any(axis=1)
-            shared = corners[owner.faces]
-            result[part.faces] = np.where(mirrored[:, None, None], shared[:, REVERSED_WINDING], shared)
-    return result

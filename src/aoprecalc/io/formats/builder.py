@@ -248,7 +248,7 @@ class ArraysFormat(MeshFormat):
         """Return nothing."""
         return []
 
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+    def output_extension(self, scene: Scene, atlases: Sequence[Atlas]) -> tuple[str, str]:
         """Return .glb."""
         return ".glb", ""
 

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
 from aoprecalc.io.formats.archives import check_unpacked_size
-from aoprecalc.io.formats.base import PartSource, SourceDocument, SourceMaterial
+from aoprecalc.io.formats.base import SourceDocument, SourceMaterial
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, check_indices, cofactors
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.formats.materials import ExaminedMaterial, PicturedFormat, examine, picture_search
 from aoprecalc.io.formats.polygons import Polygons, corner_order, polygon_triangles
+from aoprecalc.io.formats.textures import PartSource
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import LUMINANCE, linear_from_srgb
 from aoprecalc.types import Float64Array, Int64Array, Material, Scene

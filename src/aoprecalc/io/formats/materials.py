@@ -1,5 +1,6 @@
 """What the pictures of a SourceMaterial do to visibility, and its colours."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -7,15 +8,9 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from aoprecalc.errors import InputError
-from aoprecalc.io.formats.base import (
-    AlphaMode,
-    MeshFormat,
-    SourceMaterial,
-    first_uvs,
-    material_use,
-    source_materials,
-)
+from aoprecalc.io.formats.base import AlphaMode, MeshFormat, SourceMaterial, source_materials
 from aoprecalc.io.formats.files import ColorImages, FileSearch
+from aoprecalc.io.formats.textures import first_uvs, part_material
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import repeating_texture
 from aoprecalc.types import AlphaMask, Atlas, BaseColor, Float32Array, Float64Array, Material, Scene
@@ -114,14 +109,14 @@ class PicturedFormat(MeshFormat):
         images = (image for used in source_materials(scene).values() for image in (used.texture, used.opacity_map))
         return [scene.path, *dict.fromkeys(image.path for image in images if image and image.path)]
 
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+    def output_extension(self, scene: Scene, atlases: Sequence[Atlas]) -> tuple[str, str]:
         """Return .glb."""
         return ".glb", f"{self.name} is not written, so the mesh becomes a GLB"
 
     def base_colors(self, scene: Scene, images: ColorImages, occlusion: Path | None) -> tuple[BaseColor, ...]:
         """Return the colour of each part's material, with its picture."""
         known, plain = source_materials(scene), SourceMaterial("")
-        materials = [known.get(material_use(part)[0] or "", plain) for part in scene.parts]
+        materials = [known.get(part_material(part) or "", plain) for part in scene.parts]
         return tuple(
             base_color(used, first_uvs(scene, part), images) for used, part in zip(materials, scene.parts, strict=True)
         )

@@ -18,13 +18,10 @@ from aoprecalc.io.formats.base import (
     MeshFormat,
     MeshWithAo,
     PartOcclusion,
-    PartSource,
     SourceDocument,
     SourceMaterial,
     TextureReference,
     WrittenMesh,
-    first_uvs,
-    output_uvs,
     source_colors,
     source_polygons,
 )
@@ -49,6 +46,7 @@ from aoprecalc.io.formats.polygons import (
     polygon_triangles,
     strip_triangles,
 )
+from aoprecalc.io.formats.textures import PartSource, first_uvs
 from aoprecalc.io.images import is_baked
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
@@ -210,13 +208,14 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
     note says. A `comment TextureFile` names the texture, as in MeshLab's files; where UVs were kept it comes after
     those of the source, which programs show, as faces have the first unless they say otherwise.
     """
-    scene, atlas = mesh.scene, mesh.atlas
+    scene, texture = mesh.scene, mesh.only_texture(path)
+    atlas = texture.atlas
     new_values: dict[tuple[str, ...], Float32Array] = {VERTEX_NORMALS: mesh.normals}
     if isinstance(scene.document, PlyDocument):
         document, origins = scene.document, np.concatenate([part.vertices for part in scene.parts])
     else:
         document, origins = _new_document(scene), scene.faces
-    uvs = output_uvs(scene, atlas).astype(np.float32)
+    uvs = mesh.uvs.astype(np.float32)
     new = np.full(len(uvs), atlas.uv_set is None)
     mapping = NewUvs(scene.corners, uvs, new)
     faces = document.polygons.merge_triangles([uvs, mesh.normals], decisive=atlas.mapped | ~new, mapping=mapping)
@@ -247,7 +246,7 @@ def write_ply(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[Note, ...
         *document.others,
     ]
     header = ["ply", "format binary_little_endian 1.0", *document.comments]
-    header += [f"comment TextureFile {name}" for name in (*map(copies.name, kept), relative_path(mesh.texture, path))]
+    header += [f"comment TextureFile {name}" for name in (*map(copies.name, kept), relative_path(texture.path, path))]
     header += [line for element, _ in elements for line in element.lines]
     head = "\n".join([*header, "end_header\n"]).encode("utf-8", "surrogateescape")
     outputs.path(path).write_bytes(b"".join([head, *(element_bytes(*element) for element in elements)]))
@@ -349,7 +348,7 @@ class PlyFormat(MeshFormat):
         )
         lost = [f"{path}: PLY holds one texture; {without}; write a .glb"] if others else []
         document = mesh.scene.document
-        if isinstance(document, PlyDocument) and document.textures and mesh.atlas.uv_set is None:
+        if isinstance(document, PlyDocument) and document.textures and mesh.textures[0].atlas.uv_set is None:
             names = ", ".join(map(str, document.textures))
             lost.append(f"{path}: names no longer {names}, as the baked texture lies on new UVs; write a .glb for both")
         return (*lost, *super().losses(path, mesh))

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError, counted, one_or_many
-from aoprecalc.io.formats.base import PartSource, SourceDocument
+from aoprecalc.io.formats.base import SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, cofactors, damaged_file
 from aoprecalc.io.formats.fbx.materials import FbxMaterial, FbxMaterials, held, held_each
 from aoprecalc.io.formats.polygons import Polygons, corner_order, lost_faces, polygon_triangles
+from aoprecalc.io.formats.textures import PartSource
 from aoprecalc.progress import Note
 from aoprecalc.types import Float64Array, Int64Array, Material, Scene
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from aoprecalc.errors import AoprecalcError
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
@@ -12,7 +13,7 @@ from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
 from aoprecalc.io.formats.gltf.materials import base_color
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
-from aoprecalc.io.formats.gltf.reader import part_primitive, read_gltf
+from aoprecalc.io.formats.gltf.reader import part_mesh, part_primitive, read_gltf
 from aoprecalc.io.formats.gltf.writer import write_gltf
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.types import BaseColor, Part, Scene
@@ -23,7 +24,8 @@ class GltfFormat(MeshFormat):
 
     name = "glTF"
     extensions = (".gltf", ".glb", ".vrm")
-    writes = packs_orm = alpha = holds_options = has_strength = holds_vertex_ao = True
+    writes = packs_orm = alpha = holds_options = has_strength = True
+    holds_vertex_ao = holds_textures = True
     one_uv_set = False
 
     def sniff(self, data: bytes) -> bool:
@@ -53,6 +55,14 @@ class GltfFormat(MeshFormat):
             return written
         lacks = f"{path}: lacks what makes an avatar of a GLB, as {mesh.scene.path.name} has none; write a .glb"
         return replace(written, messages=(*written.messages, lacks))
+
+    def grouped(self, scene: Scene, part: Part, by: Literal["material", "mesh"]) -> tuple[int, str]:
+        """Return the index of the material or mesh of a part, -1 for none, and its name."""
+        document = _document(scene)
+        with _damage_told(scene):
+            primitive, kind = part_primitive(document, part), "materials" if by == "material" else "meshes"
+            index: int = primitive.get("material", -1) if by == "material" else part_mesh(part)
+            return index, document.entry(kind, index).get("name", "") if index >= 0 else ""
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusionTexture of the part's material."""

@@ -2,51 +2,58 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
-from itertools import chain, count, repeat
-from pathlib import Path
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
-from aoprecalc.io.formats.base import VertexOcclusion
+from aoprecalc.io.formats.base import MeshWithAo
 from aoprecalc.io.formats.builder import check_indices
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, raw_values, view_bytes
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
 from aoprecalc.io.formats.gltf.materials import PORTABLE_UV_SETS, new_uv_set, replaced_uv_sets, uv_sets_of_extensions
-from aoprecalc.io.formats.gltf.occlusion_textures import PrimitiveKey, follow_copies
+from aoprecalc.io.formats.gltf.occlusion_textures import BakedSlot, PrimitiveKey, follow_copies
 from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource, morph_weights
 from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
+from aoprecalc.io.formats.gltf.vertices import (
+    OUTLINE,
+    flip_v,
+    local_normals,
+    move_outline,
+    name_features,
+    perpendicular,
+    vertex_attribute,
+)
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.progress import Note
-from aoprecalc.types import REVERSED_WINDING, Atlas, Float32Array, Float64Array, Part, Scene
-
-COLOR, OCCLUSION = "COLOR_0", "_AO"
-FEATURES, OUTLINE = "EXT_mesh_features", "CESIUM_primitive_outline"
+from aoprecalc.types import REVERSED_WINDING, Float32Array, Part, Scene
 
 
 def edit_document(
-    document: GltfDocument, scene: Scene, atlas: Atlas, normals: Float32Array, vertices: VertexOcclusion | None = None
-) -> tuple[Json, GltfBuffer, dict[PrimitiveKey, int], tuple[str, ...]]:
-    """Return a copy of the scene's document with the UVs of the atlas, the given normals and values at vertices.
-
-    normals   (f, 3, 3) float32, in world space
+    document: GltfDocument, mesh: MeshWithAo
+) -> tuple[Json, GltfBuffer, dict[PrimitiveKey, BakedSlot], tuple[str, ...]]:
+    """Return a copy of the scene's document with the UVs of the bake, its normals and its values at vertices.
 
     Vertices of the parts that receive are split along new seams; their other attributes and morph targets are copied
     byte by byte. Instances of a mesh with separate UV regions become separate meshes. Where the file's own UVs and
-    normals were used, no vertex changes.
+    normals were used, no vertex changes. A primitive whose faces have several textures becomes several, each with some
+    of its triangles.
 
-    Returns (json, buffer, texcoords, messages); `texcoords` is (mesh, primitive) -> the n of its TEXCOORD_n.
+    Returns (json, buffer, slots, messages); `slots` is (mesh, primitive) -> its texture and UVs.
     """
+    scene, normals, vertices = mesh.scene, mesh.normals, mesh.vertices
     json = deepcopy(document.json)
     receiving = [part if part.receives else None for part in scene.parts]
     changed_normals = {part for part in filter(None, receiving) if _normals_differ(document, scene, part, normals)}
-    if atlas.uv_set is not None and not changed_normals and vertices is None:
+    all_kept = all(texture.atlas.uv_set is not None for texture in mesh.textures)
+    if all_kept and not changed_normals and vertices is None:
         keys = _separate_meshes(json, scene.parts, receiving, separate=False)
-        name = f"TEXCOORD_{atlas.uv_set}"
-        texcoords = {key: atlas.uv_set for key in keys.values() if name in _primitive(json, key)["attributes"]}
-        buffer = _carry_views(document, json, set(), set())
-        return json, buffer, texcoords, _messages(document, json, scene, texcoords, ())
+        buffer, slots = _carry_views(document, json, set(), set()), dict[PrimitiveKey, BakedSlot]()
+        for part, key in {key: (part, key) for part, key in reversed(keys.items())}.values():  # of instances one
+            triangles = part.vertices[:, REVERSED_WINDING] if _source(part).mirrored else part.vertices
+            slots |= dict(_assign_slots(json, buffer, mesh, part, key, triangles))
+        return json, buffer, slots, _messages(document, json, scene, slots, ())
 
     uv_owners = [scene.parts[part.uv_owner] if part.uv_owner is not None else part for part in scene.parts]
     owners = [owner if owner.receives else None for owner in uv_owners]
@@ -59,29 +66,57 @@ def edit_document(
     free = {index for original in originals.values() for index in _primitive_accessors(original)} - still_used
     buffer = _carry_views(document, json, free, _unused_views(json, free))
 
-    texcoords, messages = {}, list[str]()
+    slots, messages, unwrapped = {}, list[str](), list[tuple[Json, int]]()
     needed = uv_sets_of_extensions(json)
     for part, key in keys.items():
-        original, uv_set = originals[part], atlas.uv_set
-        if uv_set is None:
-            uv_set = new_uv_set(document, original, needed)
-        if atlas.uv_set is None or f"TEXCOORD_{uv_set}" in original["attributes"]:  # a part without area may lack it
-            texcoords[key] = uv_set
-        new_uvs = {} if atlas.uv_set is not None else {f"TEXCOORD_{uv_set}": flip_v(atlas.uvs[part.faces])}
-        added = dict[str, Float32Array]()
+        original, added, new_set = originals[part], dict[str, Float32Array](), None
+        texture = mesh.textures[mesh.owners[part.start : part.stop].max(initial=-1)]
+        if texture.atlas.uv_set is None:
+            new_set = new_uv_set(document, original, needed)
+            unwrapped.append((original, new_set))
+            added = {f"TEXCOORD_{new_set}": flip_v(mesh.uvs[part.faces])}
         if vertices is not None:
-            added = vertex_attribute(vertices, part.faces, original["attributes"])
+            added |= vertex_attribute(vertices, part.faces, original["attributes"])
         new_normals = normals[part.faces] if part in changed_normals else None
-        primitive = _rewrite(document, buffer, part, original, new_uvs | added, new_normals)
+        primitive, triangles = _rewrite(document, buffer, part, original, added, new_normals)
         json["meshes"][key[0]]["primitives"][key[1]] = primitive
-    if atlas.uv_set is None:
-        messages += replaced_uv_sets(document, [(originals[part], texcoords[key]) for part, key in keys.items()])
+        slots |= dict(_assign_slots(json, buffer, mesh, part, key, triangles, new_set))
+    if unwrapped:
+        messages += replaced_uv_sets(document, unwrapped)
     messages += _lost_normals(document, changed_normals & keys.keys())
-    return json, buffer, texcoords, (*messages, *_messages(document, json, scene, texcoords, list(keys)))
+    return json, buffer, slots, (*messages, *_messages(document, json, scene, slots, list(keys)))
+
+
+def _assign_slots(
+    json: Json,
+    buffer: GltfBuffer,
+    mesh: MeshWithAo,
+    part: Part,
+    key: PrimitiveKey,
+    triangles: NDArray[Any],
+    new_set: int | None = None,
+) -> Iterator[tuple[PrimitiveKey, BakedSlot]]:
+    """Yield the slot of a part's primitive; of each of several that it becomes where it has several textures.
+
+    triangles   (n, 3) the vertices of its faces, as indices of the primitive
+    new_set     the n of the TEXCOORD_n of new UVs; None where those of the file are used
+    """
+    primitive, owners, primitives = _primitive(json, key), mesh.owners[part.faces], json["meshes"][key[0]]["primitives"]
+    for number, index in enumerate(np.unique(owners)):
+        own = key
+        if number:
+            own = (key[0], len(primitives))
+            primitives.append(deepcopy(primitive))
+        if len(np.unique(owners)) > 1:
+            primitives[own[1]]["indices"] = buffer.add_indices(triangles[owners == index])
+            primitives[own[1]].pop("mode", None)
+        uv_set = mesh.textures[index].atlas.uv_set if new_set is None else new_set
+        if index >= 0 and f"TEXCOORD_{uv_set}" in primitive["attributes"]:  # a part without area may lack it
+            yield own, BakedSlot(int(index), uv_set)
 
 
 def _messages(
-    document: GltfDocument, json: Json, scene: Scene, texcoords: dict[PrimitiveKey, int], rewritten: Collection[Part]
+    document: GltfDocument, json: Json, scene: Scene, slots: dict[PrimitiveKey, BakedSlot], rewritten: Collection[Part]
 ) -> tuple[str, ...]:
     """Return a note on duplicated meshes, and warnings of UV sets that viewers may ignore and of doubtful extensions.
 
@@ -94,7 +129,7 @@ def _messages(
         hint = "" if shared else " (--instances share keeps them together)"
         became = one_or_many(more_meshes, "became a mesh of its own", "became separate meshes")
         messages.append(Note(f"{counted(more_meshes, 'instance')} {became}{hint}"))
-    beyond = sum(number >= PORTABLE_UV_SETS for number in texcoords.values())
+    beyond = sum(slot.texcoord >= PORTABLE_UV_SETS for slot in slots.values())
     if beyond:
         use = f"{counted(beyond, 'primitive')} {one_or_many(beyond, 'uses', 'use')}"
         messages.append(f"{use} TEXCOORD_2 or beyond, which not every viewer supports")
@@ -105,32 +140,6 @@ def _messages(
     if unknown:
         messages.append(f"primitives have {', '.join(unknown)}, which may refer to vertices that were replaced")
     return tuple(messages)
-
-
-def flip_v(uvs: Float64Array) -> Float32Array:
-    """Return (..., 2) UVs, v upwards, as those of glTF, v downwards."""
-    return np.stack([uvs[..., 0], 1.0 - uvs[..., 1]], axis=-1).astype(np.float32)
-
-
-def vertex_attribute(
-    vertices: VertexOcclusion, faces: slice | NDArray[np.intp], taken: Collection[str]
-) -> dict[str, Float32Array]:
-    """Return the values at the corners of some faces, (n, 3, c), by the name of their attribute.
-
-    taken   the attributes of their primitive: its colours are kept
-    """
-    values = vertices.corners[faces][:, :, None]
-    if vertices.as_color and COLOR not in taken:
-        return {COLOR: np.repeat(values, 3, axis=2)}
-    return {OCCLUSION: values}
-
-
-def kept_colors(path: Path, json: Json) -> Iterator[str]:
-    """Yield a warning about primitives whose vertices have both colours and ambient occlusion."""
-    attributes = [primitive["attributes"] for mesh in json["meshes"] for primitive in mesh["primitives"]]
-    if kept := sum(COLOR in names and OCCLUSION in names for names in attributes):
-        have = one_or_many(kept, "has", "have")
-        yield f"{path}: {counted(kept, 'primitive')} {have} {COLOR} already, which is kept: the AO is {OCCLUSION} there"
 
 
 def _lost_normals(document: GltfDocument, parts: Collection[Part]) -> Iterator[str]:
@@ -155,19 +164,21 @@ def _rewrite(
     original: Json,
     new_values: Mapping[str, Float32Array],
     normals: Float32Array | None,
-) -> Json:
+) -> tuple[Json, NDArray[Any]]:
     """Return a copy of a primitive with new vertices in the buffer, split where their new values or tangents differ.
+
+    Also returns its (n, 3) triangles.
 
     new_values   (n, 3, c), such as UVs, by the name of their attribute
     normals      (n, 3, 3) in world space; None: those of the file stay
     """
     source, values = _source(part), dict[str, Any](new_values)
     if normals is not None:
-        values["NORMAL"] = _local_normals(source, part, normals)
+        values["NORMAL"] = local_normals(source, part, normals)
         if "TANGENT" in original["attributes"]:
             tangents = float_values(document, original["attributes"]["TANGENT"])
             check_indices(document.path, part.vertices, len(tangents))
-            values["TANGENT"] = _perpendicular(tangents[part.vertices], values["NORMAL"])
+            values["TANGENT"] = perpendicular(tangents[part.vertices], values["NORMAL"])
     split = corners_to_vertices(part.vertices, *values.values())
     vertices = part.vertices.reshape(-1)[split.corner]
 
@@ -196,54 +207,9 @@ def _rewrite(
             }
             for target, weight in _targets(document, part)
         ]
-    _name_features(buffer, primitive, vertices)
-    _move_outline(document, buffer, primitive, part.vertices, split.triangles)
-    return primitive
-
-
-def _name_features(buffer: GltfBuffer, primitive: Json, vertices: NDArray[Any]) -> None:
-    """Store implicit feature ids, those of EXT_mesh_features that are numbers of vertices, as an attribute.
-
-    vertices   of the original primitive, (n,) for each new vertex
-    """
-    features = primitive.get("extensions", {}).get(FEATURES, {}).get("featureIds", [])
-    implicit = [feature for feature in features if feature.keys().isdisjoint(("attribute", "texture"))]
-    if not implicit or np.array_equal(vertices, np.arange(len(vertices))):
-        return
-    number = next(number for number in count() if f"_FEATURE_ID_{number}" not in primitive["attributes"])
-    primitive["attributes"][f"_FEATURE_ID_{number}"] = buffer.add_ids(vertices)
-    for feature in implicit:
-        feature["attribute"] = number
-
-
-def _move_outline(
-    document: GltfDocument, buffer: GltfBuffer, primitive: Json, before: NDArray[Any], after: NDArray[Any]
-) -> None:
-    """Store the edges of an outline (CESIUM_primitive_outline) as those of new vertices.
-
-    before, after   (f, 3) the vertices of the triangles
-    """
-    outline = primitive.get("extensions", {}).get(OUTLINE)
-    if outline is None:
-        return
-    old, new = (np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) for triangles in (before, after))
-    outlined = np.sort(raw_values(document, outline["indices"]).reshape(-1, 2), axis=1)
-    edges = np.unique(new[np.isin(_edge_keys(old), _edge_keys(outlined))], axis=0)
-    outline["indices"] = buffer.inherit(buffer.add_indices(edges), document, outline["indices"])
-
-
-def _edge_keys(edges: NDArray[Any]) -> NDArray[np.int64]:
-    keys: NDArray[np.int64] = edges[:, 0].astype(np.int64) << 32 | edges[:, 1].astype(np.int64)
-    return keys
-
-
-def _perpendicular(tangents: Float64Array, normals: Float32Array) -> Float32Array:
-    """Return (..., 4) tangents made perpendicular to (..., 3) normals; w stays, and so do tangents along normals."""
-    along = np.einsum("...i,...i->...", tangents[..., :3], normals)[..., None]
-    turned = tangents[..., :3] - along * normals
-    lengths = np.linalg.norm(turned, axis=-1, keepdims=True)
-    turned = np.where(lengths > 1e-6, turned / np.where(lengths > 1e-6, lengths, 1), tangents[..., :3])
-    return np.concatenate([turned, tangents[..., 3:]], axis=-1).astype(np.float32)
+    name_features(buffer, primitive, vertices)
+    move_outline(document, buffer, primitive, part.vertices, split.triangles)
+    return primitive, triangles
 
 
 def _normals_differ(document: GltfDocument, scene: Scene, part: Part, normals: Float32Array) -> bool:
@@ -255,14 +221,6 @@ def _normals_differ(document: GltfDocument, scene: Scene, part: Part, normals: F
         return False
     values = float_values(document, attributes["NORMAL"])
     return not (np.isfinite(values).all(axis=1) & values.any(axis=1)).all()
-
-
-def _local_normals(source: PrimitiveSource, part: Part, normals: Float32Array) -> Float32Array:
-    """Transform world normals to the primitive's space: the transpose inverts the cofactor matrix, up to length."""
-    linear = source.linear[part.vertices] if source.linear.ndim == 3 else source.linear
-    local = np.einsum("...ij,...i->...j", linear, normals.astype(np.float64))
-    lengths = np.linalg.norm(local, axis=2, keepdims=True)
-    return np.where(lengths > 0, local / np.where(lengths > 0, lengths, 1), normals).astype(np.float32)
 
 
 def _separate_meshes(

@@ -1,7 +1,7 @@
 """Occlusion textures of glTF materials: assigned when a document is written, alone or packed as ORM, and read back."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -33,40 +33,49 @@ POINTER = "KHR_animation_pointer"
 PrimitiveKey = tuple[int, int]  # (mesh, primitive)
 
 
+@dataclass(frozen=True)
+class BakedSlot:
+    """The index of a baked texture, and the n of the TEXCOORD_n that it lies on."""
+
+    texture: int
+    texcoord: int
+
+
 def own_materials(
-    document: Json, texcoords: Mapping[PrimitiveKey, int], strength: float
-) -> tuple[dict[int, int], tuple[str, ...]]:
+    document: Json, slots: Mapping[PrimitiveKey, BakedSlot], strength: float, names: Sequence[str]
+) -> tuple[dict[int, BakedSlot], tuple[str, ...]]:
     """Give primitives materials that may get an occlusion texture.
 
-    texcoords   (mesh, primitive) -> the n of the TEXCOORD_n for its occlusion texture
+    slots       (mesh, primitive) -> its occlusion texture
     strength    that it will have
+    names       of the textures, from which copies of materials have theirs
 
-    A material that other primitives use unchanged, or with another TEXCOORD_n, is copied; a primitive without material
+    A material that other primitives use unchanged, or with another slot, is copied; a primitive without material
     gets one. So do its variants, and the coarser levels of detail of each. Unlit materials stay as they are. Returns
-    index of a material -> its n, and a note on occlusion textures that will be replaced.
+    index of a material -> its slot, and a note on occlusion textures that will be replaced.
     """
     materials: list[Json] = document.get("materials", [])
     taken = {
         holder["material"]
         for mesh_index, mesh in enumerate(document["meshes"])
         for index, primitive in enumerate(mesh["primitives"])
-        if (mesh_index, index) not in texcoords
+        if (mesh_index, index) not in slots
         for holder in material_holders(primitive)
         if "material" in holder
     }
     taken |= {other for index in taken for other in coarser_materials(materials[index])}
-    made: dict[tuple[int | None, int], int] = {}
-    for (mesh_index, index), texcoord in texcoords.items():
+    made: dict[tuple[int | None, BakedSlot], int] = {}
+    for (mesh_index, index), slot in slots.items():
         holders = material_holders(document["meshes"][mesh_index]["primitives"][index])
         references: list[tuple[Any, Any, int | None]] = [
             (holder, "material", holder.get("material")) for holder in holders
         ]
         for holder, place, number in references:
-            key = (number, texcoord)
+            key = (number, slot)
             if number is not None and UNLIT in materials[number].get("extensions", {}):
                 continue
             if key not in made:
-                made[key] = _own_material(materials, number, taken)
+                made[key] = _own_material(materials, number, taken, names[slot.texture])
                 coarser = coarser_materials(materials[made[key]])
                 references += [(coarser, level, other) for level, other in enumerate(coarser)]
             holder[place] = made[key]
@@ -96,7 +105,7 @@ def replaced_references(
 
 def assign_textures(
     document: Json,
-    texcoords: Mapping[int, int],
+    slots: Mapping[int, BakedSlot],
     textures: Mapping[int, int],
     packed: Collection[int],
     extras: Mapping[int, Any],
@@ -104,16 +113,17 @@ def assign_textures(
 ) -> None:
     """Give materials their occlusion textures.
 
-    texcoords   index of a material -> the n of its TEXCOORD_n
+    slots       index of a material -> its slot
     textures    index of a material -> index of its texture
     packed      the materials whose texture has roughness and metalness as well
     extras      index of a material -> the `extras` of its occlusionTexture
     strength    of their occlusionTextures
     """
-    for index, texcoord in texcoords.items():
+    for index, slot in slots.items():
         material = document["materials"][index]
         # Replaced as a whole: a KHR_texture_transform of an earlier texture could override texCoord.
-        material["occlusionTexture"] = {"index": textures[index], "texCoord": texcoord, "strength": float(strength)}
+        info = texture_info(textures[index], slot.texcoord)
+        material["occlusionTexture"] = {**info, "texCoord": slot.texcoord, "strength": float(strength)}
         if index in extras:
             material["occlusionTexture"]["extras"] = extras[index]
         if index in packed:
@@ -167,7 +177,7 @@ def follow_copies(document: Json, kind: str, copies: Iterable[tuple[int, int]]) 
                     animation["channels"].append(another)
 
 
-def _describe_copies(document: Json, made: Mapping[tuple[int | None, int], int]) -> None:
+def _describe_copies(document: Json, made: Mapping[tuple[int | None, BakedSlot], int]) -> None:
     """Describe new materials in the list of VRM 0, which has an entry for each, as those they are copies of."""
     described = document.get("extensions", {}).get("VRM", {}).get("materialProperties")
     for (index, _), new in sorted(made.items(), key=lambda item: item[1]):
@@ -201,12 +211,17 @@ def _strength(material: Json) -> float:
     return strength
 
 
-def _own_material(materials: list[Json], index: int | None, taken: set[int]) -> int:
-    """Return the index of a material that may be changed: this one if it is not taken, else a copy."""
+def _own_material(materials: list[Json], index: int | None, taken: set[int], texture: str) -> int:
+    """Return the index of a material that may be changed: this one if it is not taken, else a copy.
+
+    texture   its name, that of one of several, is added to that of a copy
+    """
     if index is not None and index not in taken:
         taken.add(index)
         return index
     materials.append({} if index is None else deepcopy(materials[index]))
+    if texture:
+        materials[-1]["name"] = f"{materials[-1].get('name', 'baked')}_{texture}"
     taken.add(len(materials) - 1)
     return len(materials) - 1
 

@@ -154,6 +154,12 @@ class PrimitiveSource:
         return bool(np.linalg.det(self.linear.reshape(-1, 3, 3)[:1])[0] < 0)
 
 
+def part_mesh(part: Part) -> int:
+    """Return the index of the mesh that a part comes from."""
+    assert isinstance(part.source, PrimitiveSource)  # the reader made it
+    return part.source.mesh
+
+
 def part_primitive(document: GltfDocument, part: Part) -> Json:
     """Return the primitive that a part comes from."""
     assert isinstance(part.source, PrimitiveSource)  # the reader made it

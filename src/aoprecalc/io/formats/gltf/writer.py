@@ -12,21 +12,18 @@ from aoprecalc.errors import counted
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.archives import inner_path
 from aoprecalc.io.formats.base import (
-    MaterialUse,
     MeshWithAo,
     SourceMaterial,
     TextureReference,
     VertexOcclusion,
     WrittenMesh,
-    material_names,
-    material_use,
     source_colors,
     source_frame,
     source_materials,
 )
 from aoprecalc.io.formats.gltf.compression import EXTENSIONS
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, BINARY_EXTENSIONS, JSON_CHUNK, MAGIC, GltfDocument, Json
-from aoprecalc.io.formats.gltf.edit import edit_document, flip_v, kept_colors, vertex_attribute
+from aoprecalc.io.formats.gltf.edit import edit_document
 from aoprecalc.io.formats.gltf.images import (
     add_base_textures,
     add_orm_textures,
@@ -35,7 +32,9 @@ from aoprecalc.io.formats.gltf.images import (
     carry_images,
 )
 from aoprecalc.io.formats.gltf.occlusion_textures import (
+    BakedSlot,
     OrmImage,
+    PrimitiveKey,
     assign_textures,
     occlusion_extras,
     own_materials,
@@ -44,50 +43,56 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     texture_info,
 )
 from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references, unknown_extensions
+from aoprecalc.io.formats.gltf.vertices import flip_v, kept_colors, vertex_attribute
+from aoprecalc.io.formats.textures import MaterialUse, material_names, material_uses
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.mesh.surface import local_origin
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
-from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Scene
+from aoprecalc.types import Float32Array, Float64Array, Part, Scene
 
 
-def new_document(
-    scene: Scene, atlas: Atlas, normals: Float32Array, vertices: VertexOcclusion | None
-) -> tuple[Json, GltfBuffer, dict[tuple[int, int], int], dict[int, SourceMaterial]]:
-    """Return (json, buffer, texcoords, sources) for a scene of another format; a node and a mesh for name and material.
+def new_document(mesh: MeshWithAo) -> tuple[Json, GltfBuffer, dict[PrimitiveKey, BakedSlot], dict[int, SourceMaterial]]:
+    """Return (json, buffer, slots, sources) for a scene of another format; a node and a mesh for name and material.
 
     Positions are rounded to float32, if they are far away about a local origin that a node above all moves there.
     Materials keep their colour and opacity; for their textures see `add_base_textures`. The colours of vertices become
     COLOR_0. The file's first UV set is kept: before the new set if a texture needs it, else after it, since simple
     viewers read the first set only. Parts that do not receive get only the file's UVs and normals.
-    `texcoords` is (mesh, primitive) -> the n of the TEXCOORD_n of the atlas, for primitives that receive.
+    `slots` is (mesh, primitive) -> its texture and UVs, for primitives that have a texture.
     `sources` is index of a material -> the one that it is made from.
     """
     json: Json = {"asset": {"version": "2.0", "generator": "aoprecalc"}, "scene": 0, "scenes": [{"nodes": []}]}
     json |= {"nodes": [], "meshes": [], "materials": []}
     buffer = GltfBuffer(json)
+    scene, normals = mesh.scene, mesh.normals
     known = source_materials(scene)
-    names = material_names(scene.parts, known)
+    uses = material_uses(mesh.parts, mesh.owners)
+    names = material_names(uses, known, mesh.textures)
     materials: dict[MaterialUse, int] = {}
     sources: dict[int, SourceMaterial] = {}
-    texcoords = {}
+    slots = {}
     origin = local_origin(scene.positions)
     colors = source_colors(scene)
-    for (name, use), parts in _groups(scene).items():
+    groups: dict[tuple[str, MaterialUse], list[Part]] = {}
+    for part, use in zip(mesh.parts, uses, strict=True):
+        groups.setdefault((part.name, use), []).append(part)
+    for (name, use), parts in groups.items():
+        baked = use[1] >= 0
         material = known.get(use[0] or "", SourceMaterial(""))
         if use not in materials:
             materials[use] = len(json["materials"])
             json["materials"].append(_material(names[use], material, textured=bool(material.texture and scene.uv_sets)))
             sources[materials[use]] = material
 
-        own, new = scene.uv_sets[:1], [atlas.uvs] if use[1] and atlas.uv_set != 0 else []
+        own, new = scene.uv_sets[:1], [mesh.uvs] if baked and mesh.textures[use[1]].atlas.uv_set != 0 else []
         uv_sets = [*own, *new] if material.pictured else [*new, *own]
-        ao = vertices if use[1] else None
-        primitive = _primitive(buffer, scene, origin, parts, normals if use[1] else scene.normals, uv_sets, colors, ao)
-        if use[1]:
-            texcoords[len(json["meshes"]), 0] = len(own) if new and material.pictured else 0
+        ao = mesh.vertices if baked else None
+        primitive = _primitive(buffer, scene, origin, parts, normals if baked else scene.normals, uv_sets, colors, ao)
+        if baked:
+            slots[len(json["meshes"]), 0] = BakedSlot(use[1], len(own) if new and material.pictured else 0)
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
         json["nodes"].append({"name": _valid_unicode(name), "mesh": len(json["meshes"])})
         json["meshes"].append({"name": _valid_unicode(name), "primitives": [primitive | {"material": materials[use]}]})
@@ -96,28 +101,22 @@ def new_document(
             {"name": "local origin", "translation": origin.tolist(), "children": json["scenes"][0]["nodes"]}
         )
         json["scenes"][0]["nodes"] = [len(json["nodes"]) - 1]
-    return json, buffer, texcoords, sources
+    return json, buffer, slots, sources
 
 
-def show_texture(json: Json, materials: Mapping[int, int], texture: int) -> dict[int, int]:
+def show_textures(json: Json, materials: Mapping[int, BakedSlot], textures: Mapping[int, int]) -> dict[int, BakedSlot]:
     """Make the baked texture the base colour, too, of materials without one: simple viewers show only that.
 
-    materials   index of a material -> the n of its TEXCOORD_n; returned for those that show it
+    materials   index of a material -> its texture and UVs; returned for those that show it
+    textures    index of a material -> index of its texture in the document
     """
     shown = {}
-    for index, texcoord in materials.items():
+    for index, slot in materials.items():
         color = json["materials"][index]["pbrMetallicRoughness"]
         if "baseColorTexture" not in color:
-            color["baseColorTexture"] = texture_info(texture, texcoord)
-            shown[index] = texcoord
+            color["baseColorTexture"] = texture_info(textures[index], slot.texcoord)
+            shown[index] = slot
     return shown
-
-
-def _groups(scene: Scene) -> dict[tuple[str, MaterialUse], list[Part]]:
-    groups: dict[tuple[str, MaterialUse], list[Part]] = {}
-    for part in scene.parts:
-        groups.setdefault((part.name, material_use(part)), []).append(part)
-    return groups
 
 
 def _primitive(
@@ -164,36 +163,41 @@ def _valid_unicode(name: str) -> str:
 
 
 def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
-    """Write a .gltf or .glb with the texture as occlusion texture.
+    """Write a .gltf or .glb with the textures as occlusion textures.
 
     The document of a glTF source is otherwise kept. A scene from another format gets a new document, in which the
     texture is also the base colour of materials that have no texture of their own.
     """
-    scene, atlas, texture = mesh.scene, mesh.atlas, mesh.texture
+    scene = mesh.scene
     is_new = not isinstance(scene.document, GltfDocument)
     messages, sources = list[str](), dict[int, SourceMaterial]()
     source = inner_path(scene.path)
     if isinstance(scene.document, GltfDocument):
         source = scene.document.path
-        document, buffer, texcoords, notes = edit_document(scene.document, scene, atlas, mesh.normals, mesh.vertices)
+        document, buffer, slots, notes = edit_document(scene.document, mesh)
         messages += notes
     else:
-        document, buffer, texcoords, sources = new_document(scene, atlas, mesh.normals, mesh.vertices)
+        document, buffer, slots, sources = new_document(mesh)
         messages += source_frame(scene)
-    materials, notes = own_materials(document, texcoords, mesh.strength)
+    materials, notes = own_materials(document, slots, mesh.strength, [texture.name for texture in mesh.textures])
     messages += notes
     if isinstance(scene.document, GltfDocument):
         messages += _numbers_told(scene.document.json, document)
-    text, packed, shown = bake_text(mesh.options, len(scene.faces)), dict[int, OrmImage](), dict[int, int]()
+    text, packed, shown = bake_text(mesh.options, len(scene.faces)), dict[int, OrmImage](), dict[int, BakedSlot]()
+    users = [[one for one, slot in materials.items() if slot.texture == index] for index in range(len(mesh.textures))]
     if mesh.pack == "orm":
         so_far = GltfDocument(source, document, (buffer.data,))
-        packed, notes = pack_orm(so_far, materials, atlas, read_image(outputs.written(texture)), text)
-        messages += notes
+        for texture, users_of_it in zip(mesh.textures, users, strict=True):
+            of_it = {index: materials[index].texcoord for index in users_of_it}
+            image = read_image(outputs.written(texture.path))
+            packed_with_it, notes = pack_orm(so_far, of_it, texture.atlas, image, text)
+            packed |= packed_with_it
+            messages += notes
 
     extras = occlusion_extras(document, materials, mesh.options)
     release_references(document, buffer, replaced_references(document, materials, packed))
     if is_new:
-        if (lost := len(scene.uv_sets) - (2 if atlas.uv_set else 1)) > 0:
+        if (lost := len(scene.uv_sets) - (2 if any(one.atlas.uv_set for one in mesh.textures) else 1)) > 0:
             sets = counted(lost, "further UV set")
             messages.append(Note(f"{path}: {sets} of {scene.path.name} left out, which no picture in it uses"))
         if scene.uv_sets:
@@ -203,13 +207,17 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
             messages.append(f"{path}: {found} ({', '.join(textured[:3])}): they are left out")
     else:
         messages += carry_images(outputs, path, document, buffer, source)
-    textures = add_orm_textures(outputs, path, document, buffer, texture, packed)
-    if len(textures) < len(materials):
-        number, notes = add_texture(outputs, path, document, buffer, texture, text, repeats=atlas.repeats)
-        messages += notes
-        textures = dict.fromkeys(materials, number) | textures
-        if is_new and not (mesh.vertices and mesh.vertices.as_color):  # both would darken the colour twice
-            shown = show_texture(document, materials, number)
+    textures = dict[int, int]()
+    for texture, users_of_it in zip(mesh.textures, users, strict=True):
+        images = {index: packed[index] for index in users_of_it if index in packed}
+        textures |= add_orm_textures(outputs, path, document, buffer, texture.path, images)
+        if len(images) < len(users_of_it):
+            repeats = texture.repeats(scene)
+            number, notes = add_texture(outputs, path, document, buffer, texture.path, text, repeats=repeats)
+            messages += notes
+            textures = dict.fromkeys(users_of_it, number) | textures
+    if is_new and not (mesh.vertices and mesh.vertices.as_color):  # both would darken the colour twice
+        shown = show_textures(document, materials, textures)
     assign_textures(document, materials, textures, packed, extras, mesh.strength)
     if mesh.vertices and mesh.vertices.as_color:
         messages += kept_colors(path, document)
@@ -229,11 +237,14 @@ def _numbers_told(before: Json, after: Json) -> Iterator[str]:
 
 
 def _references(
-    materials: Mapping[int, int], shown: Mapping[int, int], packed: Mapping[int, OrmImage], strength: float
+    materials: Mapping[int, BakedSlot],
+    shown: Mapping[int, BakedSlot],
+    packed: Mapping[int, OrmImage],
+    strength: float,
 ) -> tuple[TextureReference, ...]:
-    """Count the materials that refer to the texture; the maps are from their indices to the n of their TEXCOORD_n."""
-    uses = Counter(("occlusionTexture", texcoord, index in packed) for index, texcoord in materials.items())
-    uses.update(("baseColorTexture", texcoord, False) for texcoord in shown.values())
+    """Count the materials that refer to a texture; the maps are from their indices to that and its UVs."""
+    uses = Counter(("occlusionTexture", slot.texcoord, index in packed) for index, slot in materials.items())
+    uses.update(("baseColorTexture", slot.texcoord, False) for slot in shown.values())
     return tuple(
         TextureReference(
             slot, f"TEXCOORD_{texcoord}", count, is_packed, float(strength) if slot == "occlusionTexture" else None

@@ -1,6 +1,7 @@
 """Wavefront OBJ with its material library (MTL)."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +11,6 @@ from aoprecalc.io.formats.base import (
     MeshWithAo,
     PartOcclusion,
     WrittenMesh,
-    first_uvs,
-    material_use,
     source_colors,
     source_materials,
 )
@@ -19,6 +18,7 @@ from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files
 from aoprecalc.io.formats.obj.reader import ObjDocument, obj_files, read_obj
 from aoprecalc.io.formats.obj.writer import write_obj
+from aoprecalc.io.formats.textures import first_uvs, part_material
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.types import Atlas, BaseColor, Part, Scene
 
@@ -31,7 +31,7 @@ class ObjFormat(MeshFormat):
 
     name = "OBJ"
     extensions = (".obj",)
-    writes = True
+    writes = holds_textures = True
 
     def sniff(self, data: bytes) -> bool:
         """Tell whether there are lines of vertices and of faces."""
@@ -50,13 +50,13 @@ class ObjFormat(MeshFormat):
         document = _document(scene)
         return [scene.path, *document.libraries, *material_files(document.materials.values())]
 
-    def output_extension(self, scene: Scene, atlas: Atlas | None) -> tuple[str, str]:
+    def output_extension(self, scene: Scene, atlases: Sequence[Atlas]) -> tuple[str, str]:
         """Return .obj, unless new UVs would take the place of those with which baked parts show their textures."""
-        if atlas is not None and atlas.uv_set is not None:
+        if atlases and all(atlas.uv_set is not None for atlas in atlases):
             return ".obj", ""
         materials = source_materials(scene)
         with_uvs = [part for part in scene.parts if scene.uvs is not None and scene.uvs[part.faces].any()]
-        used = dict.fromkeys(name for name, receives in map(material_use, with_uvs) if receives and name)
+        used = dict.fromkeys(name for part in with_uvs if part.receives and (name := part_material(part)))
         textured = [name for name in used if name in materials and materials[name].pictured]
         if not textured:
             return ".obj", ""
@@ -75,7 +75,7 @@ class ObjFormat(MeshFormat):
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return map_Ka of the part's material, else its map_Kd."""
-        material: MtlMaterial | None = _document(scene).materials.get(material_use(part)[0] or "")
+        material: MtlMaterial | None = _document(scene).materials.get(part_material(part) or "")
         path = None if material is None else material.occlusion
         image = None if path is None else ImageSource.of(path)
         return PartOcclusion(image, first_uvs(scene, part), stated=False)
@@ -84,7 +84,7 @@ class ObjFormat(MeshFormat):
         """Return Kd and map_Kd of each part's material, and the colours of the vertices."""
         materials, colors = _document(scene).materials, source_colors(scene)
         return tuple(
-            materials.get(material_use(part)[0] or "", MtlMaterial("")).base_color(
+            materials.get(part_material(part) or "", MtlMaterial("")).base_color(
                 first_uvs(scene, part), images, occlusion, None if colors is None else colors[part.faces, :, :3]
             )
             for part in scene.parts

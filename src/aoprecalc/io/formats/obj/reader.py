@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
-from aoprecalc.io.formats.base import PartSource, SourceDocument
+from aoprecalc.io.formats.base import SourceDocument
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.files import FileSearch, are_numbers
 from aoprecalc.io.formats.obj.materials import (
@@ -26,6 +26,7 @@ from aoprecalc.io.formats.obj.materials import (
     read_materials,
 )
 from aoprecalc.io.formats.polygons import Polygons, lost_faces, polygon_triangles
+from aoprecalc.io.formats.textures import PartSource
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import Float32Array, Float64Array, Int32Array, Material, Scene

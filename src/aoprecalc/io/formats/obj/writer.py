@@ -11,24 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import counted
-from aoprecalc.io.formats.base import (
-    MaterialUse,
-    MeshWithAo,
-    TextureReference,
-    WrittenMesh,
-    material_names,
-    material_use,
-    output_uvs,
-    source_polygons,
-)
+from aoprecalc.io.formats.base import MeshWithAo, TextureReference, WrittenMesh, source_polygons
 from aoprecalc.io.formats.files import TextureCopies, file_beside, same_file
 from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
 from aoprecalc.io.formats.obj.reader import ObjDocument, statement
 from aoprecalc.io.formats.polygons import NewUvs, OutputFaces, cut_note
+from aoprecalc.io.formats.textures import MaterialUse, MeshTexture, material_names, material_uses
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.progress import Note
-from aoprecalc.types import Atlas, BoolArray, Float32Array, Int64Array, Part, Scene
+from aoprecalc.types import BoolArray, Float32Array, Int64Array, Scene
 
 _MAX_NAMES = 8  # of textures in a message
 _WHITE = "Kd 1 1 1"  # the diffuse colour of a material without lines
@@ -38,46 +30,47 @@ def library_lines(
     document: ObjDocument,
     names: dict[MaterialUse, str],
     target: Path,
-    texture: str,
+    textures: Sequence[MeshTexture],
     copies: TextureCopies,
-    *,
-    kept: bool,
 ) -> tuple[list[str], WrittenMesh]:
-    """Return the lines of an MTL at `target`, where they refer to the baked texture, and warnings.
+    """Return the lines of an MTL at `target`, where they refer to the baked textures, and warnings.
 
     names     of the materials in the output, see `material_names`
-    texture   the path of the baked texture as the MTL states it
     copies    names the other textures of the materials that are used
-    kept      the bake used the mesh's own UVs: other textures stay, and beside a map_Kd the baked one is map_Ka
+
+    Where the bake used the mesh's own UVs, other textures stay, and beside a map_Kd the baked one is map_Ka.
 
     Unused materials, and those of parts that do not receive, stay as they are.
     """
     unknown = [MtlMaterial(material or "") for material, _ in names if material not in document.materials]
     lines: list[str] = []
     slots = Counter[str]()
-    lost: dict[str, list[TextureMap]] = {}  # the textures that materials lose
+    stayed: dict[str, list[TextureMap]] = {}  # the textures that materials lose where their UVs stay
+    lost: dict[str, list[TextureMap]] = {}  # and where they get new ones
     kept_maps: list[TextureMap] = []
     for material in (*document.materials.values(), *dict.fromkeys(unknown)):
         name = material.name or None
-        plain, baked = names.get((name, False)), names.get((name, True))
+        plain = names.get((name, -1))
+        baked = {index: made for (used, index), made in names.items() if used == name and index >= 0}
         if plain or not baked:
             lines += [f"newmtl {plain or name}", *_statements(material.lines, target, copies if plain else None), ""]
-        if baked:
+            kept_maps += [] if baked else material.maps
+        for index, made in baked.items():
+            kept = textures[index].atlas.uv_set == 0
             remaining = [line for line in material.lines if not _replaced(line, material, kept)]
             if replaced := [line for line in material.maps if _replaced(line, material, kept)]:
-                lost[baked] = replaced
+                (stayed if kept else lost)[made] = replaced
             slot = "map_Ka" if kept and material.texture else "map_Kd"
             slots[slot] += 1
-            lines += [f"newmtl {baked}", *_statements(remaining, target, copies), f"{slot} {texture}", ""]
+            shown = f"{slot} {relative_path(textures[index].path, target)}"
+            lines += [f"newmtl {made}", *_statements(remaining, target, copies), shown, ""]
             kept_maps += [line for line in remaining if isinstance(line, TextureMap)]
-        else:
-            kept_maps += material.maps
     messages = list[str]()
-    if lost and kept:
-        ambient = all(line.keyword == "map_ka" for replaced in lost.values() for line in replaced)
+    if stayed:
+        ambient = all(line.keyword == "map_ka" for replaced in stayed.values() for line in replaced)
         which = "ambient textures (map_Ka)" if ambient else "textures of an earlier bake"
-        messages.append(Note(f"the {which} of {counted(len(lost), 'material')} were replaced"))
-    elif lost:
+        messages.append(Note(f"the {which} of {counted(len(stayed), 'material')} were replaced"))
+    if lost:
         left_out = _names(line for replaced in lost.values() for line in replaced)
         found = "an MTL holds one set of UVs; the other textures of its materials are left out"
         if not (document.corners[:, 1] >= 0).any():
@@ -152,9 +145,9 @@ class _CornerLines:
 
 
 def edit_lines(
-    document: ObjDocument, scene: Scene, atlas: Atlas, normals: Float32Array, names: Mapping[MaterialUse, str]
+    document: ObjDocument, mesh: MeshWithAo, names: Mapping[MaterialUse, str]
 ) -> tuple[list[str], tuple[Note, ...]]:
-    """Return the lines of a document with the UVs of the atlas and the given normals on the parts that receive.
+    """Return the lines of a document with the UVs and the normals of a bake on the parts that receive.
 
     names   of the materials in the output, see `material_names`
 
@@ -162,14 +155,14 @@ def edit_lines(
     triangles where a seam runs through it, or where programs would cut it in other ways than the bake, as a note says.
     The `mtllib` lines are left out.
     """
-    receives, polygons = scene.receives, document.polygons
-    new_uvs = receives & (atlas.uv_set != 0)
-    new_normals = receives & (not _has_normals(document, scene, normals))
-    uvs = np.where(new_uvs[:, None, None], output_uvs(scene, atlas), 0.0)
+    scene, normals, polygons = mesh.scene, mesh.normals, document.polygons
+    new_uvs = mesh.per_face(texture.atlas.uv_set != 0 for texture in mesh.textures)
+    new_normals = scene.receives & (not _has_normals(document, scene, normals))
+    uvs = np.where(new_uvs[:, None, None], mesh.uvs, 0.0)
     new_values = np.where(new_normals[:, None, None], normals, np.float32(0))
 
     mapping = NewUvs(scene.corners, uvs, new_uvs)
-    faces = polygons.merge_triangles([uvs, new_values], decisive=atlas.mapped | ~new_uvs, mapping=mapping)
+    faces = polygons.merge_triangles([uvs, new_values], decisive=mesh.mapped | ~new_uvs, mapping=mapping)
     vertices, old_uvs, old_normals = document.corners[polygons.triangles.reshape(-1)[faces.corners]].T
     lines = document.text.split("\n")
     vt = _corner_lines(lines, "vt", old_uvs, _UV, uvs, new_uvs, faces)
@@ -177,8 +170,9 @@ def edit_lines(
     texts = _face_texts(faces.counts, vertices + 1, vt.indices, vn.indices)
 
     ends = np.searchsorted(faces.owners, np.arange(len(polygons.counts)), side="right").tolist()
-    starts = [int(polygons.owners[part.start]) for part in scene.parts]  # the first `f` line of each
-    edited = _replace_faces(lines, _UsemtlNames(starts, scene.parts, names), vt, vn, texts, ends)
+    starts = [int(polygons.owners[part.start]) for part in mesh.parts]  # the first `f` line of each
+    materials = _UsemtlNames(starts, material_uses(mesh.parts, mesh.owners), names)
+    edited = _replace_faces(lines, materials, vt, vn, texts, ends)
     return edited, cut_note(faces)
 
 
@@ -234,10 +228,10 @@ class _UsemtlNames:
     starts   the index of the first `f` line of each part
     """
 
-    def __init__(self, starts: list[int], parts: Sequence[Part], names: Mapping[MaterialUse, str]) -> None:
+    def __init__(self, starts: list[int], uses: Sequence[MaterialUse], names: Mapping[MaterialUse, str]) -> None:
         self._starts = starts
-        self._own = [material_use(part)[0] for part in parts]
-        self._names = [names[material_use(part)] for part in parts]
+        self._own = [material for material, _ in uses]
+        self._names = [names[use] for use in uses]
         self.at_face = dict(zip(starts, self._names, strict=True))
 
     def named(self, material: str | None, face: int) -> str | None:
@@ -287,15 +281,14 @@ def write_obj(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[WrittenMe
     lose their other textures, which were made for other UVs. Where the file's own UVs were used the textures stay, and
     a material with a map_Kd shows the baked texture as map_Ka. The notes are about polygons that were cut.
     """
-    scene, atlas = mesh.scene, mesh.atlas
+    scene = mesh.scene
     document = scene.document if isinstance(scene.document, ObjDocument) else new_document(scene)
-    names = material_names(scene.parts, document.materials)
+    names = material_names(material_uses(mesh.parts, mesh.owners), document.materials, mesh.textures)
     library = path.with_suffix(".mtl")
-    edited, notes = edit_lines(document, scene, atlas, mesh.normals, names)
+    edited, notes = edit_lines(document, mesh, names)
     outputs.path(path).write_bytes(_encode([f"mtllib {library.name}", *edited]))
-    texture = relative_path(mesh.texture, path)
     copies = TextureCopies(outputs, path, scene.path)
-    lines, written = library_lines(document, names, library, texture, copies, kept=atlas.uv_set == 0)
+    lines, written = library_lines(document, names, library, mesh.textures, copies)
     outputs.path(library).write_bytes(_encode(lines))
     return written, notes
 

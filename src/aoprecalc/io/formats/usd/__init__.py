@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh, first_uvs
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.files import ColorImages
+from aoprecalc.io.formats.textures import first_uvs
 from aoprecalc.io.formats.usd.editor import StageEdits, edit_stage
 from aoprecalc.io.formats.usd.reader import read_stage
 from aoprecalc.io.formats.usd.stage import (

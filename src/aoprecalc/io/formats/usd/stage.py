@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io.formats.base import PartSource, SourceDocument
+from aoprecalc.io.formats.base import SourceDocument
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.polygons import Polygons
+from aoprecalc.io.formats.textures import PartSource
 from aoprecalc.io.formats.usd.materials import UsdMaterial
 from aoprecalc.subprocesses import ChildTimeoutError, ask
 from aoprecalc.types import Float64Array, Int64Array

@@ -15,7 +15,7 @@ import numpy as np
 from aoprecalc.errors import UsageError, counted, listed, one_or_many
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.archives import check_pictures, check_unpacked_size
-from aoprecalc.io.formats.base import MeshWithAo, TextureReference, WrittenMesh, output_uvs
+from aoprecalc.io.formats.base import MeshWithAo, TextureReference, WrittenMesh
 from aoprecalc.io.formats.files import UDIM, TextureCopies
 from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.formats.usd.editor import NEW_UVS, EditedStage, MaterialUse, MeshEdit, StageEdits
@@ -54,14 +54,15 @@ def write_usd(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     the pictures in its root layer, and refers to its other layers where they are. A package holds the texture.
     """
     check_source(path, mesh.scene)
+    baked = mesh.only_texture(path)
     if path.suffix.lower() == PACKAGE:
-        edited, notes = _write_package(outputs, path, mesh)
+        edited, notes = _write_package(outputs, path, mesh, baked.path)
     else:
         moved, notes = _moved_files(outputs, path, mesh.scene)
         suffix = path.suffix.lower()
         if suffix == ".usd":
             suffix = ".usdc" if _is_binary(mesh.scene.path.read_bytes()) else ".usda"
-        edited = _edit(mesh, _anchored(relative_path(mesh.texture, path)), suffix, moved)
+        edited = _edit(mesh, _anchored(relative_path(baked.path, path)), suffix, moved)
         outputs.path(path).write_bytes(edited.layer)
     slots = edited.materials.items()
     references = tuple(TextureReference("inputs:occlusion", f"primvars:{uvs}", number) for uvs, number in slots)
@@ -116,8 +117,8 @@ def _tiles(file: Path) -> dict[str, Path]:
 
 def _edit(mesh: MeshWithAo, texture: str, suffix: str, moved: dict[str, str]) -> EditedStage:
     """Return the edited root layer, see `edit_stage`, and messages about polygons."""
-    scene, atlas = mesh.scene, mesh.atlas
-    uvs = None if atlas.uv_set is not None else output_uvs(scene, atlas).astype(np.float32)
+    scene, atlas = mesh.scene, mesh.textures[0].atlas
+    uvs = None if atlas.uv_set is not None else mesh.uvs.astype(np.float32)
     meshes, cut = _mesh_edits(scene, uvs, mesh.normals, atlas.mapped)
     uses = tuple(_material_use(part, atlas.uv_set) for part in scene.parts)
     baked = BakedTexture(texture, atlas.repeats, bake_text(mesh.options, len(scene.faces)))
@@ -203,10 +204,12 @@ def _shared_prims(scene: Scene) -> set[str]:
 # Packages.
 
 
-def _write_package(outputs: Outputs, path: Path, mesh: MeshWithAo) -> tuple[EditedStage, tuple[Note, ...]]:
+def _write_package(
+    outputs: Outputs, path: Path, mesh: MeshWithAo, texture: Path
+) -> tuple[EditedStage, tuple[Note, ...]]:
     """Write a .usdz: the edited root layer first, then the other files of the source, then the texture."""
     notes: tuple[Note, ...] = ()
-    texture, picture = mesh.texture, outputs.written(mesh.texture).read_bytes()
+    picture = outputs.written(texture).read_bytes()
     if texture.suffix.lower() not in _IN_PACKAGES:
         picture = png_bytes(read_image(outputs.written(texture)), bake_text(mesh.options, len(mesh.scene.faces)))
         notes = (Note(f"{path}: a package allows no {texture.suffix} images; it gets a copy as 8-bit PNG"),)
