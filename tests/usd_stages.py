@@ -3,11 +3,12 @@
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
-from aoprecalc.io import Outputs, load_scene, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, load_scene, write_image
 from aoprecalc.io.formats.base import source_polygons
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.types import Atlas
+from written_meshes import write_with_one_texture
 
 CORNERS = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
 SIDES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -86,7 +87,7 @@ def write_baked(source, target, *, keep=False, normals=None, texture=None, **opt
         outputs.folder(target.parent)
         values = np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8)
         write_image(outputs.path(texture), values)
-        written = write_baked_mesh(
+        written = write_with_one_texture(
             outputs, target, scene, atlas, normals.astype(np.float32), texture, options=ValueOptions()
         )
     return scene, atlas, written

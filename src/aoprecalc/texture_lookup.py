@@ -81,13 +81,16 @@ class TextureStack:
         return cls(tuple(shapes), tuple((int(v), int(u)) for u, v in (np.minimum(n, _MAX_REPEATS) for n in needed)))
 
     def join(self, textures: Sequence[NDArray[_Texel]]) -> NDArray[_Texel]:
-        """Return one texture of several, each (height, width) or (height, width, channels)."""
+        """Return one texture of several, each (height, width) or (height, width, channels), float32 or bool.
+
+        The rows between them have the values beside them, or False.
+        """
         width = max(columns * u for (_, columns), (_, u) in zip(self.shapes, self.repeats, strict=True))
-        pages = []
+        pages = list[NDArray[_Texel]]()
         for texture, (v, u) in zip(textures, self.repeats, strict=True):
-            flat = [(0, 0)] * (texture.ndim - 2)
-            tiled = np.tile(texture, (v, u, *(1 for _ in flat)))
-            pages.append(np.pad(tiled, ((_MARGIN, _MARGIN), (0, width - tiled.shape[1]), *flat), mode="edge"))
+            tiled: NDArray[_Texel] = np.tile(texture, (v, u, 1)[: texture.ndim])
+            border = ((_MARGIN, _MARGIN), (0, width - tiled.shape[1]), (0, 0))[: texture.ndim]
+            pages.append(np.pad(tiled, border, mode="constant" if tiled.dtype == np.bool_ else "edge"))
         return np.concatenate(pages)
 
     def move(self, owners: Int64Array, uvs: Float64Array) -> Float64Array:
@@ -104,7 +107,8 @@ class TextureStack:
 
 def _from_first_repeat(uvs: Float64Array) -> Float64Array:
     """Return (f, 3, 2) UVs moved by whole numbers, so that the least of each face lies in [0, 1)."""
-    return uvs - np.floor(uvs.min(axis=1, keepdims=True))
+    moved: Float64Array = uvs - np.floor(uvs.min(axis=1, keepdims=True))
+    return moved
 
 
 def join_textures(

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from aoprecalc.io import Outputs, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, write_image
 from aoprecalc.types import Atlas
+from written_meshes import write_with_one_texture
 
 
 def make_atlas(scene, method="xatlas"):
@@ -32,5 +33,5 @@ def write_with_texture(scene, path, method="xatlas", normals=None, texture="x_ao
         outputs.folder(path.parent)
         picture = path.parent / texture
         write_image(outputs.path(picture), np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8))
-        messages = write_baked_mesh(outputs, path, scene, atlas, normals, picture, **options).messages
+        messages = write_with_one_texture(outputs, path, scene, atlas, normals, picture, **options).messages
     return path, atlas, normals, messages

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import OutputError
-from aoprecalc.io import Outputs, load_scene, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, load_scene, write_image
+from written_meshes import write_with_one_texture
 
 GREY = np.full((4, 4), 0.5, dtype=np.float32)
 
@@ -19,7 +20,7 @@ def test_a_failure_in_the_middle_leaves_nothing(cube_obj, atlas_of, normals_of, 
             folder = outputs.folder(tmp_path / "new" / "deeper")
             write_image(outputs.path(tmp_path / "x.png"), GREY)
             write_image(outputs.path(folder / "y.png"), GREY)
-            write_baked_mesh(outputs, old, scene, atlas_of(scene), normals_of(scene), tmp_path / "x.png")
+            write_with_one_texture(outputs, old, scene, atlas_of(scene), normals_of(scene), tmp_path / "x.png")
             raise RuntimeError("in the middle")
 
     with pytest.raises(RuntimeError):
@@ -51,7 +52,7 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path):
 def test_a_missing_folder_is_told(cube_obj, atlas_of, normals_of, tmp_path):
     scene = load_scene(cube_obj)
     with Outputs() as outputs, pytest.raises(OutputError, match="there is no folder"):
-        write_baked_mesh(
+        write_with_one_texture(
             outputs, tmp_path / "no" / "a.obj", scene, atlas_of(scene), normals_of(scene), tmp_path / "x.png"
         )
 
@@ -59,5 +60,7 @@ def test_a_missing_folder_is_told(cube_obj, atlas_of, normals_of, tmp_path):
 def test_a_missing_texture_is_told(cube_obj, atlas_of, normals_of, tmp_path):
     scene = load_scene(cube_obj)
     with Outputs() as outputs, pytest.raises(OutputError, match="cannot be written"):
-        write_baked_mesh(outputs, tmp_path / "a.glb", scene, atlas_of(scene), normals_of(scene), tmp_path / "no.png")
+        write_with_one_texture(
+            outputs, tmp_path / "a.glb", scene, atlas_of(scene), normals_of(scene), tmp_path / "no.png"
+        )
     assert sorted(file.name for file in tmp_path.iterdir()) == ["cube.obj"]

@@ -9,13 +9,14 @@ import pytest
 from PIL import Image
 
 from aoprecalc.api.bake import bake_file
-from aoprecalc.io import Outputs, load_scene, read_image, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, load_scene, read_image, write_image
 from aoprecalc.io.images import decode_text, read_text
 from aoprecalc.options import BakeOptions
 from gltf_kit.gltf_documents import APART, corner
 from gltf_kit.gltf_maker import png
 from gltf_kit.gltf_validator import needs_validator, new_issues
 from gltf_kit.gltf_values import GltfValues
+from written_meshes import write_with_one_texture
 
 AO = np.linspace(0, 255, 64).round().astype(np.uint8).reshape(8, 8)
 ROUGHNESS = np.random.default_rng(7).integers(0, 256, (8, 8, 3), np.uint8)
@@ -34,7 +35,7 @@ def pack(tmp_path, atlas_of):
             outputs.folder(path.parent)
             picture = path.parent / texture
             write_image(outputs.path(picture), ao.astype(np.float32), depth)
-            warnings = write_baked_mesh(outputs, path, scene, atlas, scene.normals, picture, pack="orm").messages
+            warnings = write_with_one_texture(outputs, path, scene, atlas, scene.normals, picture, pack="orm").messages
         return path, warnings
 
     return write

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from aoprecalc.errors import InputError
-from aoprecalc.io import Outputs, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, write_image
 from aoprecalc.io.formats.gltf.references import GltfBuffer, add_entry, compact, release_references
 from gltf_kit.gltf_maker import png
 from gltf_kit.gltf_values import GltfValues
+from written_meshes import write_with_one_texture
 
 PICTURES = np.random.default_rng(3).integers(0, 256, (9, 4, 4, 3), np.uint8)
 
@@ -183,7 +184,7 @@ def test_packing_leaves_nothing_either(cube, gltf, atlas_of, tmp_path, name):
         outputs.folder(path.parent)
         write_image(outputs.path(path.parent / "x_ao.png"), np.ones((4, 4), np.float32))
         atlas, texture = atlas_of(scene, "keep"), path.parent / "x_ao.png"
-        write_baked_mesh(outputs, path, scene, atlas, scene.normals, texture, pack="orm")
+        write_with_one_texture(outputs, path, scene, atlas, scene.normals, texture, pack="orm")
     assert unused(path) == []
     document = GltfValues(path)
     assert [len(document.json[kind]) for kind in ("textures", "images", "samplers")] == [2, 2, 2]

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aoprecalc.io import Outputs, load_scene, output_mesh_extension, write_baked_mesh, write_image
+from aoprecalc.io import Outputs, load_scene, output_mesh_extension, write_image
 from aoprecalc.io.formats.polygons import polygon_triangles
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.options import BakeOptions
 from aoprecalc.types import Atlas
 from gltf_kit.gltf_values import GltfValues
+from written_meshes import write_with_one_texture
 
 SEEDS = range(6)
 KINDS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
@@ -152,7 +153,7 @@ def write(tmp_path):
         with Outputs() as outputs:
             picture = outputs.folder(path.parent) / "x_ao.png"
             write_image(outputs.path(picture), np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8))
-            return path, write_baked_mesh(outputs, path, scene, atlas, normals, picture).messages
+            return path, write_with_one_texture(outputs, path, scene, atlas, normals, picture).messages
 
     return write_mesh
 
@@ -326,8 +327,8 @@ def test_textures_stay_on_uvs_that_are_kept(painted, save, write, tmp_path):
     save("none.mtl", "newmtl paint\nKd 1 1 0\nmap_Kd bricks.png\nmap_Ka old.png\nbump -bm 2 bumps.png\n")
     scene = load_scene(painted)
     assert output_mesh_extension(scene)[0] == ".glb"
-    assert "(paint)" in output_mesh_extension(scene, fresh(scene))[1]
-    assert output_mesh_extension(scene, kept(scene)) == (".obj", "")
+    assert "(paint)" in output_mesh_extension(scene, [fresh(scene)])[1]
+    assert output_mesh_extension(scene, [kept(scene)]) == (".obj", "")
     path, warnings = write(scene, "a.obj", kept(scene), scene.normals)
     made = library(path.with_suffix(".mtl"))
     assert made["paint"] == ["Kd 1 1 0", "map_Kd bricks.png", "bump -bm 2 bumps.png", "map_Ka x_ao.png"]

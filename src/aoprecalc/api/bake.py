@@ -7,10 +7,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
-from aoprecalc.api.bake_scene import bake_report, bake_scene
+from aoprecalc.api.bake_scene import bake_report
+from aoprecalc.api.bake_textures import BakedTextures, TextureBake, bake_textures
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
@@ -24,12 +26,35 @@ from aoprecalc.notebook import figure, image
 from aoprecalc.options import BakeOptions, PreviewOptions, VerifyOptions, names_extensions
 from aoprecalc.options.fields import option_files
 from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
-from aoprecalc.types import Baked, BoolArray, Float32Array, Picture
+from aoprecalc.types import Baked, BoolArray, Float32Array, Float64Array, Picture
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
 
 if TYPE_CHECKING:
     from aoprecalc.api.figures import BakeFigures
+
+
+@dataclass(frozen=True, eq=False)
+class BakedTexture:
+    """One texture of a bake.
+
+    Attributes
+    ----------
+    name : str
+        Of its material or mesh; empty for the only one of a bake.
+    ao, valid : ndarray, (H, W) float32 and bool
+        As in `BakeResult`.
+    faces : ndarray, (F,) bool
+        The faces whose occlusion it holds.
+    uvs : ndarray, (F, 3, 2) float64
+        The UVs of these faces in it, v upwards; (0, 0) elsewhere.
+    """
+
+    name: str
+    ao: Float32Array = field(repr=False)
+    valid: BoolArray = field(repr=False)
+    faces: BoolArray = field(repr=False)
+    uvs: Float64Array = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +64,8 @@ class BakeResult:
     Attributes
     ----------
     ao : ndarray, (H, W) float32
-        Ambient occlusion in [0, 1], 1 is open; row 0 is v = 1. Padded and filled, see `BakeOptions`.
+        Ambient occlusion in [0, 1], 1 is open; row 0 is v = 1. Padded and filled, see `BakeOptions`. Several textures
+        are below each other here, as the UVs of `mesh` take them.
     valid : ndarray, (H, W) bool
         Texels that the surface covers and whose value was measured.
     mesh : BakedMesh
@@ -49,6 +75,8 @@ class BakeResult:
     vertex_ao : ndarray, (F, 3) float32, or None
         Ambient occlusion in [0, 1] at the corners of the faces, equal at corners of one position and shading normal:
         the values whose interpolation over the faces is nearest to the texture. None without the option `vertex_ao`.
+    textures : tuple of BakedTexture
+        Each texture by itself; one, unless the option `textures` or UDIM tiles of the mesh's UVs ask for several.
     """
 
     ao: Float32Array = field(repr=False)
@@ -56,7 +84,8 @@ class BakeResult:
     mesh: BakedMesh
     report: BakeReport
     vertex_ao: Float32Array | None = field(repr=False)
-    _baked: Baked = field(repr=False)
+    textures: tuple[BakedTexture, ...] = field(repr=False)
+    _bake: BakedTextures = field(repr=False)
     _options: BakeOptions = field(repr=False)
 
     @names_extensions
@@ -105,7 +134,7 @@ class BakeResult:
             outputs.protect([*source_files(scene), *map(Path, option_files(self._options))])
             plan.claim(outputs)
             plan.claim_mesh(outputs, scene)
-            written = plan.write(outputs, self._baked, Path(scratch))
+            written = plan.write(outputs, self._bake, Path(scratch))
             if plan.report is not None:
                 document = replace(
                     self.report,
@@ -116,6 +145,10 @@ class BakeResult:
                 write_json(outputs.path(plan.report.path), document.to_dict())
         tell(progress or Progress(), written.messages)
         return written.files
+
+    @property
+    def _baked(self) -> Baked:
+        return self._bake.whole
 
     def preview(self, options: PreviewOptions | None = None) -> Picture:
         """Draw the mesh with its texture.
@@ -249,14 +282,22 @@ def bake(
         require_embreex()
     with timer.stage("load"):
         mesh = as_mesh(mesh)
-    baked = bake_scene(mesh._scene, options, progress, timer)
+    bake = bake_textures(mesh._scene, options, progress, timer)
+    baked = bake.whole
     errors = _measure(baked, baked.texture.values, options, progress, timer) if verify else None
     messages = (*_messages(baked), *(_notes_on_shared_uvs(baked) if verify else ()))
-    report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), messages)
+    report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), messages, bake.named)
     tell(progress, messages)
     ao = baked.texture.values
     textured = BakedMesh.of(mesh, baked, output_uvs(baked.scene, baked.atlas))
-    return BakeResult(ao, baked.texture.valid, textured, report, baked.vertex_ao, baked, options)
+    textures = tuple(map(_as_result, bake.textures))
+    return BakeResult(ao, baked.texture.valid, textured, report, baked.vertex_ao, textures, bake, options)
+
+
+def _as_result(texture: TextureBake) -> BakedTexture:
+    baked, faces = texture.baked, texture.faces
+    uvs = np.where(faces[:, None, None], output_uvs(baked.scene, baked.atlas), 0.0)
+    return BakedTexture(texture.name, baked.texture.values, baked.texture.valid, faces, uvs)
 
 
 # From file to files, as the command line and the batch do it.
@@ -316,9 +357,10 @@ def bake_file(
             scene = load_scene(mesh)
         outputs.protect(source_files(scene))
         plan.claim_mesh(outputs, scene)
-        baked = bake_scene(scene, options, progress, timer, make_visibility)
+        bake = bake_textures(scene, options, progress, timer, make_visibility)
+        baked = bake.whole
         with timer.stage("write"):
-            written = plan.write(outputs, baked, Path(scratch))
+            written = plan.write(outputs, bake, Path(scratch))
         named = written.outputs(outputs)
         if drawn is not None:
             with timer.stage("figures"):
@@ -327,9 +369,9 @@ def bake_file(
         messages = (*_messages(baked), *written.messages)
         errors = None
         if verify:
-            errors = _measure(baked, written.values(), options, progress, timer)
+            errors = _measure(baked, bake.join(written.values()), options, progress, timer)
             messages += _notes_on_shared_uvs(baked)
-        document = bake_report(baked, options, named, errors, timer.seconds(), messages)
+        document = bake_report(baked, options, named, errors, timer.seconds(), messages, bake.named)
         if plan.report is not None:
             write_json(outputs.path(plan.report.path), document.to_dict())
     tell(progress, messages)

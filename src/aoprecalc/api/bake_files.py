@@ -1,13 +1,15 @@
 """The files of a bake: what they are called, whether they can be written, and writing them."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 
+from aoprecalc.api.bake_textures import BakedTextures, TextureBake
 from aoprecalc.api.reports import AoReference, BakeOutputs
 from aoprecalc.api.textured_surface import verify_words
-from aoprecalc.errors import ArgumentError, UsageError
+from aoprecalc.errors import ArgumentError, UsageError, counted
 from aoprecalc.io import (
     IMAGE_EXTENSIONS,
     OUTPUT_MESH_EXTENSIONS,
@@ -20,7 +22,8 @@ from aoprecalc.io import (
     write_image,
 )
 from aoprecalc.io.baked_options import bake_text
-from aoprecalc.io.formats.base import VertexOcclusion
+from aoprecalc.io.formats.base import MeshWithAo, VertexOcclusion
+from aoprecalc.io.formats.textures import MeshTexture
 from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, read_text
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
@@ -40,12 +43,15 @@ class BakeFiles:
     Attributes
     ----------
     texture : Path or None
-        None where the texture is inside the mesh, a GLB.
+        None where the texture is inside the mesh, a GLB; of several the first.
     mesh : Path
+    textures : tuple of Path
+        All textures; none where they are inside the mesh.
     """
 
     texture: Path | None
     mesh: Path
+    textures: tuple[Path, ...]
 
 
 @dataclass(frozen=True)
@@ -53,27 +59,27 @@ class WrittenBake:
     """The files of a bake as they were written.
 
     files       their final paths
-    texture     the texture now: a temporary file
-    inverted    it holds 1 - AO
-    references  where the mesh refers to the texture
+    textures    the textures now: temporary files
+    inverted    they hold 1 - AO
+    references  where the mesh refers to the textures
     messages    warnings and notes for the user
     """
 
     files: BakeFiles
-    texture: Path
+    textures: tuple[Path, ...]
     inverted: bool
     references: tuple[AoReference, ...]
     messages: tuple[str, ...]
 
-    def values(self) -> Float32Array:
-        """Return the AO that the texture holds, (height, width) float32, as it is stored."""
-        stored = read_image(self.texture)
-        return 1 - stored if self.inverted else stored
+    def values(self) -> list[Float32Array]:
+        """Return the AO that each texture holds, (height, width) float32, as it is stored."""
+        stored = map(read_image, self.textures)
+        return [1 - values if self.inverted else values for values in stored]
 
     def outputs(self, outputs: Outputs) -> BakeOutputs:
         """Return what the report says about them; `others` go with the mesh (.mtl, .bin, images)."""
         texture, mesh = self.files.texture, self.files.mesh
-        named = {path.resolve() for path in (texture, mesh) if path is not None}
+        named = {path.resolve() for path in (*self.files.textures, mesh)}
         others = sorted(str(mesh.parent / path.name) for path in outputs.files if path not in named)
         return BakeOutputs(
             texture=None if texture is None else str(texture),
@@ -81,6 +87,7 @@ class WrittenBake:
             mesh=str(mesh),
             others=tuple(others),
             references=self.references,
+            textures=tuple(map(str, self.files.textures)),
         )
 
 
@@ -130,56 +137,64 @@ class BakePlan:
         except UsageError as error:
             raise UsageError(f"{error} (it is the mesh beside {self.texture.path}; see --mesh-output)") from error
 
-    def write(self, outputs: Outputs, baked: Baked, scratch: Path) -> WrittenBake:
-        """Write the texture and the mesh.
+    def write(self, outputs: Outputs, bake: BakedTextures, scratch: Path) -> WrittenBake:
+        """Write the textures and the mesh.
 
-        scratch   a folder for a texture that goes into a GLB only
+        scratch   a folder for textures that go into a GLB only
         """
-        suffix, reason = output_mesh_extension(baked.scene, baked.atlas)
+        baked = bake.whole
+        suffix, reason = output_mesh_extension(baked.scene, [one.baked.atlas for one in bake.textures])
         mesh = self._mesh_path(suffix) if self.mesh is None else self.mesh.path
-        texture = scratch / f"{self.stem}{_EMBEDDED}" if self.texture is None else self.texture.path
-        written = texture if self.texture is None else outputs.path(texture)
-        self._write_picture(written, baked, self.options.bit_depth, inverted=self.options.invert)
-        shown = self._write_upright(outputs, mesh, baked, scratch) if self.options.invert else texture
+        first = scratch / f"{self.stem}{_EMBEDDED}" if self.texture is None else self.texture.path
+        pictures = [_of_texture(first, one.name) for one in bake.textures]
+        written, shown = list[Path](), list[MeshTexture]()
+        for path, one in zip(pictures, bake.textures, strict=True):
+            written.append(path if self.texture is None else outputs.path(path))
+            self._write_picture(written[-1], one.baked, self.options.bit_depth, inverted=self.options.invert)
+            upright = self._write_upright(outputs, mesh, one, scratch) if self.options.invert else path
+            shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces))
         values, as_color = baked.vertex_ao, self.options.vertex_ao == "color"
         vertices = None if values is None else VertexOcclusion(values, as_color)
         made = write_baked_mesh(
             outputs,
             mesh,
-            baked.scene,
-            baked.atlas,
-            baked.normals,
-            shown,
-            pack=self.options.pack,
-            options=baked.options,
-            strength=self.options.strength,
-            vertices=vertices,
+            MeshWithAo(
+                baked.scene,
+                tuple(shown),
+                baked.normals,
+                pack=self.options.pack,
+                options=baked.options,
+                strength=self.options.strength,
+                vertices=vertices,
+            ),
         )
-        messages = (*made.messages, *_notes_on_options(texture, mesh, baked.options))
+        messages = (*made.messages, *_notes_on_options(pictures[0], mesh, baked.options))
         messages += _warnings_on_strength(mesh, self.options.strength)
         if self.options.invert:
-            messages += _messages_on_inversion(texture, mesh, shown, readable=bool(read_text(written)))
+            messages += _messages_on_inversion(pictures, mesh, shown, readable=bool(read_text(written[0])))
         if reason and self.mesh is None and self.mesh_given is None:
             messages += (Note(reason),)
         references = tuple(
             AoReference(use.slot, use.materials, use.uvs, use.packed, use.strength) for use in made.references
         )
-        files = BakeFiles(None if self.texture is None else texture, mesh)
-        return WrittenBake(files, written, self.options.invert, references, messages)
+        beside = () if self.texture is None else tuple(pictures)
+        files = BakeFiles(next(iter(beside), None), mesh, beside)
+        return WrittenBake(files, tuple(written), self.options.invert, references, messages)
 
     def _write_picture(self, path: Path, baked: Baked, bit_depth: BitDepth, *, inverted: bool) -> None:
         values = 1 - baked.texture.values if inverted else baked.texture.values
         write_image(path, values, bit_depth, bake_text(baked.options, len(baked.scene.faces), inverted=inverted))
 
-    def _write_upright(self, outputs: Outputs, mesh: Path, baked: Baked, scratch: Path) -> Path:
-        """Write the picture of the AO that the mesh refers to where the texture is inverted; return its path."""
+    def _write_upright(self, outputs: Outputs, mesh: Path, texture: TextureBake, scratch: Path) -> Path:
+        """Write the picture of the AO that the mesh refers to where a texture is inverted; return its path."""
         depth = self.options.bit_depth if self.options.bit_depth in BIT_DEPTHS[_EMBEDDED] else "auto"
         if _embeds(mesh):
-            path = written = scratch / f"{self.stem}{_EMBEDDED}"
+            path = written = _of_texture(scratch / f"{self.stem}{_EMBEDDED}", texture.name)
         else:
-            path = next(outputs.candidates(mesh.with_name(f"{self.stem}_open{_EMBEDDED}")))
+            beside = _of_texture(mesh.with_name(f"{self.stem}_open{_EMBEDDED}"), texture.name)
+            path = next(outputs.candidates(beside))
             written = outputs.path(path)
-        self._write_picture(written, baked, depth, inverted=False)
+        self._write_picture(written, texture.baked, depth, inverted=False)
         return path
 
     def _mesh_path(self, suffix: str) -> Path:
@@ -188,6 +203,11 @@ class BakePlan:
         path = output_path(self.mesh_given, self.texture.path.parent / f"{self.stem}{suffix}", "mesh_output")
         check_mesh_extension(path, self.options.pack, self.options.vertex_ao)
         return path
+
+
+def _of_texture(path: Path, name: str) -> Path:
+    """Return the path of one of several textures: its name comes before the extension."""
+    return path.with_name(f"{path.stem}.{name}{path.suffix}") if name else path
 
 
 def _notes_on_options(texture: Path, mesh: Path, options: ValueOptions) -> tuple[Note, ...]:
@@ -207,9 +227,12 @@ def _warnings_on_strength(mesh: Path, strength: float) -> tuple[str, ...]:
     return (f"{mesh}: {mesh_format.name} has no strength of occlusion, {strength:g} is not written; write a .glb",)
 
 
-def _messages_on_inversion(texture: Path, mesh: Path, shown: Path, *, readable: bool) -> tuple[str, ...]:
-    """Tell which picture is inverted, and warn where it does not say so itself."""
-    place = "has one of the AO inside" if _embeds(mesh) else f"refers to {shown.name}, of the AO"
+def _messages_on_inversion(
+    textures: Sequence[Path], mesh: Path, shown: Sequence[MeshTexture], *, readable: bool
+) -> tuple[str, ...]:
+    """Tell which pictures are inverted, and warn where they do not say so themselves."""
+    texture = f"{textures[0]}" if len(textures) == 1 else f"{textures[0]} and {counted(len(textures) - 1, 'other')}"
+    place = "has one of the AO inside" if _embeds(mesh) else f"refers to {shown[0].path.name}, of the AO"
     note = Note(f"{texture} holds the occlusion, 1 - AO; {mesh} {place}")
     if readable:
         return (note,)
@@ -257,7 +280,7 @@ def plan_bake(
             "output",
         )
     if mesh is not None:
-        check_mesh_extension(mesh.path, options.pack, options.vertex_ao)
+        check_mesh_extension(mesh.path, options.pack, options.vertex_ao, options.textures)
     elif mesh_output is not None:
         mesh = _given_mesh(mesh_output, options)
     texture = images[0] if images else None
@@ -284,7 +307,7 @@ def _given_mesh(wanted: Output, options: BakeOptions) -> _File | None:
     path = output_path(wanted, "mesh", "mesh_output")
     if path.name == "mesh" and path != Path(wanted):
         return None
-    check_mesh_extension(path, options.pack, options.vertex_ao)
+    check_mesh_extension(path, options.pack, options.vertex_ao, options.textures)
     return _File(path, wanted)
 
 

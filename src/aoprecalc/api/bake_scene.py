@@ -1,7 +1,8 @@
 """The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and a report."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 
 import numpy as np
@@ -19,6 +20,7 @@ from aoprecalc.api.reports import (
     SizeChoice,
     SizeError,
     TexelCounts,
+    TextureReport,
     Unwrapping,
     UvSetCheck,
     VertexFit,
@@ -37,7 +39,7 @@ from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
-from aoprecalc.types import Baked, DarkTexels, Part, Scene, UvCheck
+from aoprecalc.types import Baked, DarkTexels, Float32Array, Part, Scene, UvCheck
 from aoprecalc.uv.checks import TexelDensity, needs_uvs, surface_share
 from aoprecalc.uv.pack import first_unsafe_mip
 from aoprecalc.visibility.backend import Backend, open_backend
@@ -48,28 +50,48 @@ from aoprecalc.visibility.map_error import map_error
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
 
 
+@dataclass(frozen=True, eq=False)
+class OpenedBake:
+    """What the bakes of several textures of a scene share.
+
+    backend   is open
+    normals   (f, 3, 3) float32: the shading normals of the scene
+    """
+
+    backend: Backend
+    normals: Float32Array
+
+
+def prepare_scene(scene: Scene, options: BakeOptions) -> tuple[Scene, Float32Array]:
+    """Return a scene with the roles of its parts and what surrounds it, and its shading normals, (f, 3, 3)."""
+    scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
+    return scene, shading_normals(scene, options.normals, options.crease_angle)
+
+
 def bake_scene(
     scene: Scene,
     options: BakeOptions,
     progress: Progress | None = None,
     timer: StageTimer | None = None,
     make_visibility: VisibilityFactory = LocalVisibility,
-    opened: Backend | None = None,
+    opened: OpenedBake | None = None,
 ) -> Baked:
     """Bake one texture of a scene in memory (Précalcul, section 1.1).
 
     timer             receives the seconds of each stage
     make_visibility   makes the source of the visibility sums of one side; by default this process computes them
-    opened            the backend; None: that of the options is opened
+    opened            what the bakes of several textures share; the scene is prepared then, see `prepare_scene`
     Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
     beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
     direction, RendererError where there is no renderer.
     """
     progress = progress or Progress()
     timer = timer or StageTimer(progress)
-    scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
-    normals = shading_normals(scene, options.normals, options.crease_angle)
-    with nullcontext(opened) if opened else open_backend(options, progress) as backend:
+    if opened is None:
+        scene, normals = prepare_scene(scene, options)
+    else:
+        normals = opened.normals
+    with nullcontext(opened.backend) if opened else open_backend(options, progress) as backend:
         backend.check_size(options)
         with timer.stage("unwrap"):
             look = partial(first_look, backend, scene, normals, options)
@@ -163,6 +185,8 @@ def _gather_side(
 
 # The report.
 
+NamedBakes = Sequence[tuple[str, Baked]]  # textures of a bake: their names and bakes
+
 
 def bake_report(
     baked: Baked,
@@ -171,15 +195,15 @@ def bake_report(
     verified: TextureErrors | None,
     seconds: dict[str, float],
     messages: tuple[str, ...],
+    textures: NamedBakes = (),
 ) -> BakeReport:
-    """Return the report of a bake; only `seconds` differs between equal runs."""
-    scene, atlas, texture = baked.scene, baked.atlas, baked.texture
-    height, width = texture.values.shape
-    mesh = topology(scene.faces)
-    values = texture.values[texture.valid]
-    valid, alone = int(np.count_nonzero(texture.valid)), ground_alone(baked)
-    lost = needs_uvs(scene) & ~atlas.mapped
-    density = TexelDensity.of(scene, atlas, width, height)
+    """Return the report of a bake; only `seconds` differs between equal runs.
+
+    textures   of the bake, each by itself; none where there is one
+    """
+    scene, mesh = baked.scene, topology(baked.scene.faces)
+    of_each = tuple(texture_report(name, one, options) for name, one in textures or (("", baked),))
+    whole = of_each[0] if len(of_each) == 1 else _of_all(texture_report("", baked, options), textures, of_each)
     return BakeReport(
         input=InputMesh(
             str(scene.path),
@@ -199,6 +223,30 @@ def bake_report(
         options=baked.options,
         floor=scene.ground_normal,
         shadow_size=baked.shadow_size,
+        unwrap=whole.unwrap,
+        texels=whole.texels,
+        size_choice=whole.size_choice,
+        ao=whole.ao,
+        dark=whole.dark,
+        textures=of_each,
+        verify=None if verified is None else RayTracedErrors.of(verified),
+        vertex_ao=_vertex_fit(vertex_errors(baked, verified)),
+        seconds=seconds,
+        warnings=warnings_of(messages),
+        notes=notes_of(messages),
+    )
+
+
+def texture_report(name: str, baked: Baked, options: BakeOptions) -> TextureReport:
+    """Return what is reported of one texture."""
+    scene, atlas, texture = baked.scene, baked.atlas, baked.texture
+    height, width = texture.values.shape
+    valid = int(np.count_nonzero(texture.valid))
+    lost = needs_uvs(scene) & ~atlas.mapped
+    density = TexelDensity.of(scene, atlas, width, height)
+    return TextureReport(
+        name=name,
+        triangles=int(np.count_nonzero(scene.receives)),
         unwrap=Unwrapping(
             method=atlas.method,
             uv_set=atlas.uv_set,
@@ -214,19 +262,34 @@ def bake_report(
         ),
         texels=TexelCounts(width, height, valid),
         size_choice=_size_choice(baked, options),
-        ao=OcclusionStatistics(
-            mean=round(float(values.mean(dtype=np.float64)), 6),
-            min=round(float(values.min()), 6),
-            max=round(float(values.max()), 6),
-            unseen_share=round(baked.dark.share, 6),
-            ground_alone=None if alone is None else round(alone, 6),
-        ),
+        ao=_statistics(texture.values[texture.valid], baked),
         dark=_dark_texel_shares(baked.dark),
-        verify=None if verified is None else RayTracedErrors.of(verified),
-        vertex_ao=_vertex_fit(vertex_errors(baked, verified)),
-        seconds=seconds,
-        warnings=warnings_of(messages),
-        notes=notes_of(messages),
+    )
+
+
+def _of_all(joined: TextureReport, textures: NamedBakes, of_each: Sequence[TextureReport]) -> TextureReport:
+    """Return what is reported of several textures, from what is reported of their bakes as one."""
+    counts, whole = [one.texels for one in of_each], [baked.texture for _, baked in textures]
+    valid = sum(count.valid for count in counts)
+    values = np.concatenate([texture.values[texture.valid] for texture in whole])
+    mean = round(float(values.mean(dtype=np.float64)), 6)
+    used = round(valid / sum(texture.valid.size for texture in whole), 4)
+    return replace(
+        joined,
+        unwrap=replace(joined.unwrap, used_share=used),
+        texels=TexelCounts(max(count.width for count in counts), max(count.height for count in counts), valid),
+        ao=replace(joined.ao, mean=mean),
+    )
+
+
+def _statistics(values: Float32Array, baked: Baked) -> OcclusionStatistics:
+    alone = ground_alone(baked)
+    return OcclusionStatistics(
+        mean=round(float(values.mean(dtype=np.float64)), 6),
+        min=round(float(values.min()), 6),
+        max=round(float(values.max()), 6),
+        unseen_share=round(baked.dark.share, 6),
+        ground_alone=None if alone is None else round(alone, 6),
     )
 
 

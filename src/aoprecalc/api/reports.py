@@ -66,7 +66,8 @@ class AoReference(Report):
 class BakeOutputs(Report):
     """Paths of the files, None before they are saved, and where the mesh refers to the texture.
 
-    texture      None also where the texture is inside the mesh, a GLB
+    texture      None also where the texture is inside the mesh, a GLB; of several the first
+    textures     all of them, in the order of `BakeReport.textures`
     inverted     the texture holds the occlusion 1 - AO; the mesh refers to another picture, of the AO
     others       files that go with the mesh: .mtl, .bin, images
     figures      pictures of `--figures`, their sheet last
@@ -79,6 +80,7 @@ class BakeOutputs(Report):
     others: tuple[str, ...] = ()
     figures: tuple[str, ...] = ()
     references: tuple[AoReference, ...] = ()
+    textures: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -213,6 +215,23 @@ class DarkTexelShares(Report):
 
 
 @dataclass(frozen=True)
+class TextureReport(Report):
+    """One texture of a bake; its members are as in the report.
+
+    name        of its material or mesh; empty for the only one
+    triangles   whose occlusion it holds
+    """
+
+    name: str
+    triangles: int
+    unwrap: Unwrapping
+    texels: TexelCounts
+    size_choice: SizeChoice | None
+    ao: OcclusionStatistics
+    dark: DarkTexelShares | None
+
+
+@dataclass(frozen=True)
 class BakeReport(Document):
     """What a bake read, chose and measured.
 
@@ -237,12 +256,17 @@ class BakeReport(Document):
     shadow_size : int or None
         Side of the depth maps, in texels; None for rays.
     unwrap : Unwrapping
+        Of several textures all charts, the narrowest gutter, and every method.
     texels : TexelCounts
+        Of several textures the largest size, and how many texels of all have a value.
     size_choice : SizeChoice or None
-        None where the size was given, or chosen by the density of texels.
+        None where the size was given, or chosen by the density of texels, and for several textures.
     ao : OcclusionStatistics
+        Over the texels of all textures.
     dark : DarkTexelShares or None
         What keeps the light from the dark texels; None where less than 1% is dark.
+    textures : tuple of TextureReport
+        Each texture by itself.
     verify : RayTracedErrors or None
     vertex_ao : VertexFit or None
     seconds : dict of str to float
@@ -270,6 +294,7 @@ class BakeReport(Document):
     size_choice: SizeChoice | None
     ao: OcclusionStatistics
     dark: DarkTexelShares | None
+    textures: tuple[TextureReport, ...]
     verify: RayTracedErrors | None
     vertex_ao: VertexFit | None
     seconds: dict[str, float]

@@ -84,9 +84,11 @@ def bake(mesh: str, **given: Any) -> None:
     if as_json:
         click.echo(json_text(report.to_dict()), nl=False)
         return
-    texture_size = f"{report.texels.width} x {report.texels.height}"
-    texture = f"texture inside {files.mesh}" if files.texture is None else files.texture
-    say(f"{texture}  {texture_size}, mean AO {report.ao.mean:.3f}, {report.directions} directions")
+    paths = files.textures or (f"texture inside {files.mesh}",) * len(report.textures)
+    for path, texture in zip(paths, report.textures, strict=True):
+        size = f"{texture.texels.width} x {texture.texels.height}"
+        name = f"{path} ({texture.name})" if texture.name and not files.textures else path
+        say(f"{name}  {size}, mean AO {texture.ao.mean:.3f}, {report.directions} directions")
     if options.target_error is not None and report.estimated_error is not None:
         say(f"estimated sampling error {report.estimated_error:.4f}")
     if report.verify is not None:

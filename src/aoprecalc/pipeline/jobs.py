@@ -269,6 +269,7 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
         outputs=replace(
             outputs,
             texture=None if outputs.texture is None else Path(outputs.texture).name,
+            textures=tuple(Path(texture).name for texture in outputs.textures),
             mesh=Path(outputs.mesh or "").name,
             others=tuple(Path(other).name for other in outputs.others),
         ),

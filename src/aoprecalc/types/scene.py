@@ -118,6 +118,7 @@ class Scene:
     surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
     ground_normal  the unit vector away from the infinite ground plane; None where there is none
     ground_height  of that plane along its normal; None: that of the lowest point
+    baked_only     (f,) bool: the only faces that receive, those of one of several textures; None for all
     """
 
     path: Path
@@ -139,6 +140,7 @@ class Scene:
     surroundings: Float64Array | None = None
     ground_normal: tuple[float, float, float] | None = None
     ground_height: float | None = None
+    baked_only: BoolArray | None = None
 
     @property
     def corners(self) -> Float64Array:
@@ -162,7 +164,8 @@ class Scene:
     @property
     def receives(self) -> BoolArray:
         """(f,) bool: the faces that get ambient occlusion."""
-        return self.per_face(part.receives for part in self.parts)
+        received = self.per_face(part.receives for part in self.parts)
+        return received if self.baked_only is None else received & self.baked_only
 
     @property
     def occludes(self) -> BoolArray:

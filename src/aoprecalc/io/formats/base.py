@@ -77,7 +77,10 @@ class MeshWithAo:
     @cached_property
     def mapped(self) -> BoolArray:
         """(f,) faces with UVs of their own in their texture; see `Atlas`."""
-        return np.any([texture.atlas.mapped & texture.faces for texture in self.textures], axis=0)
+        mapped: BoolArray = np.zeros(len(self.scene.faces), bool)
+        for texture in self.textures:
+            mapped |= texture.atlas.mapped & texture.faces
+        return mapped
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:

@@ -50,7 +50,10 @@ def edit_document(
     if all_kept and not changed_normals and vertices is None:
         keys = _separate_meshes(json, scene.parts, receiving, separate=False)
         buffer, slots = _carry_views(document, json, set(), set()), dict[PrimitiveKey, BakedSlot]()
-        for part, key in {key: (part, key) for part, key in reversed(keys.items())}.values():  # of instances one
+        first = dict[PrimitiveKey, Part]()
+        for part, key in keys.items():
+            first.setdefault(key, part)  # instances have one primitive
+        for key, part in first.items():
             triangles = part.vertices[:, REVERSED_WINDING] if _source(part).mirrored else part.vertices
             slots |= dict(_assign_slots(json, buffer, mesh, part, key, triangles))
         return json, buffer, slots, _messages(document, json, scene, slots, ())
