@@ -76,7 +76,7 @@ class BakeResult:
         Ambient occlusion in [0, 1] at the corners of the faces, equal at corners of one position and shading normal:
         the values whose interpolation over the faces is nearest to the texture. None without the option `vertex_ao`.
     textures : tuple of BakedTexture
-        Each texture by itself; one, unless the option `textures` or UDIM tiles of the mesh's UVs ask for several.
+        Each texture by itself; one, unless the option `textures` asks for several.
     """
 
     ao: Float32Array = field(repr=False)

@@ -1,0 +1,199 @@
+"""Bakes of several textures: which faces have which, what each holds, and how files refer to them."""
+
+from collections import Counter
+
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+from PIL import Image
+
+import aoprecalc as ao
+from aoprecalc.api.bake_textures import bake_textures, safe_names
+from aoprecalc.errors import ArgumentError
+from aoprecalc.io import load_scene
+from aoprecalc.io.meshes import every_occlusion
+from aoprecalc.mesh.surface import sample_surface
+from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.options import BakeOptions, VerifyOptions
+from aoprecalc.progress import Progress
+from aoprecalc.texture_lookup import TextureStack, bilinear
+from gltf_kit.gltf_maker import GltfMaker
+from gltf_kit.gltf_validator import issues, needs_validator
+from shapes import box, quad
+
+FEW = {"size": 64, "directions": 256, "backend": "ray"}
+OBJECTS = (
+    ("table", "wood", box()),
+    ("chair", "wood", (box()[0] * 0.5 + [1.5, 0, 0], box()[1])),
+    ("floor", "stone", quad((-2, -0.05, 3), (6, 0, 0), (0, 0, -6), 4)),
+)
+
+
+def obj_room(path, objects=OBJECTS, materials=("wood", "stone")):
+    """An OBJ of objects with materials, and its MTL."""
+    path.with_suffix(".mtl").write_text("".join(f"newmtl {name}\nKd 0.5 0.5 0.5\n" for name in materials))
+    lines, count = [f"mtllib {path.stem}.mtl"], 1
+    for name, material, (positions, faces) in objects:
+        lines += [f"o {name}", *(f"v {x} {y} {z}" for x, y, z in positions), f"usemtl {material}"]
+        lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + count]
+        count += len(positions)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def gltf_room(folder, names=("table", "chair", "floor"), materials=("wood", "stone")):
+    """A GLB of three meshes, of which two have one material."""
+    maker = GltfMaker(folder)
+    numbers = [maker.add("materials", {"name": name}) for name in materials]
+    for (_, material, (positions, faces)), name in zip(OBJECTS, names, strict=True):
+        corners = np.asarray(positions, "<f4")[np.asarray(faces).ravel()]
+        primitive = {
+            "attributes": {"POSITION": maker.vertices(corners, bounds=True)},
+            "material": numbers[("wood", "stone").index(material)],
+        }
+        mesh = maker.mesh(primitive)
+        maker.json["meshes"][mesh]["name"] = name
+        maker.node(mesh=mesh)
+    return maker.save("room.glb")
+
+
+@pytest.fixture
+def room(tmp_path):
+    return obj_room(tmp_path / "room.obj")
+
+
+@pytest.mark.parametrize(
+    ("by", "names"), [("one", [""]), ("material", ["wood", "stone"]), ("mesh", ["table", "chair", "floor"])]
+)
+def test_each_face_has_one_texture_whose_values_are_those_of_rays(room, by, names):
+    """All parts occlude: the values are those of the one scene, whatever texture holds them."""
+    options = BakeOptions(**FEW, textures=by)
+    result = ao.bake(room, options)
+    assert [texture.name for texture in result.textures] == names == [one.name for one in result.report.textures]
+    assert (sum(texture.faces.astype(int) for texture in result.textures) == 1).all()
+    whole = result._baked
+    points = sample_surface(whole.scene, whole.atlas.mapped, 2000, 0)
+    expected = reference_ao(whole.scene, whole.normals, points, VerifyOptions(rays=400), Progress())
+    joined = bilinear(result.ao, points.interpolate(result.mesh.uvs), repeats=False)
+    assert np.sqrt(np.mean((joined - expected) ** 2)) < 0.04
+    for texture in result.textures:
+        assert texture.ao.shape == (64, 64)
+        own = texture.faces[points.faces]
+        values = bilinear(texture.ao, points.interpolate(texture.uvs)[own], repeats=False)
+        assert values == pytest.approx(joined[own], abs=1e-6)
+
+
+def test_a_share_of_the_diagonal_is_of_the_whole_scene(room):
+    options = BakeOptions(**FEW, textures="mesh", max_distance="10%")
+    bake = bake_textures(load_scene(room), options)
+    assert bake.whole.options.max_distance == "10%"
+    whole = ao.bake(room, BakeOptions(**FEW, max_distance="10%"), verify=True)
+    several = ao.bake(room, options, verify=True)
+    assert several.report.verify.levels[0].rmse == pytest.approx(whole.report.verify.levels[0].rmse, abs=0.01)
+
+
+def test_the_materials_of_a_gltf_refer_each_to_its_texture(tmp_path):
+    """Two meshes of one material have textures of their own, so that the material is there twice."""
+    result = ao.bake(gltf_room(tmp_path), BakeOptions(**FEW, textures="mesh"))
+    files = result.save(tmp_path / "out.gltf")
+    assert [path.name for path in files.textures] == ["out_ao.table.png", "out_ao.chair.png", "out_ao.floor.png"]
+    document = pygltflib.GLTF2().load(files.mesh)
+    assert [material.name for material in document.materials] == ["wood", "stone", "wood_chair"]
+    shown = {}
+    for mesh in document.meshes:
+        material = document.materials[mesh.primitives[0].material]
+        shown[mesh.name] = document.images[document.textures[material.occlusionTexture.index].source].uri
+    assert shown == {name: f"out_ao.{name}.png" for name in ("table", "chair", "floor")}
+    for texture, path in zip(result.textures, files.textures, strict=True):
+        assert np.asarray(Image.open(path)) / 255 == pytest.approx(texture.ao, abs=0.51 / 255)
+
+
+def test_every_texture_is_inside_a_glb_on_its_faces(tmp_path):
+    result = ao.bake(gltf_room(tmp_path), BakeOptions(**FEW, textures="material"))
+    files = result.save(tmp_path / "out.glb")
+    assert (files.texture, files.textures) == (None, ())
+    found = every_occlusion(load_scene(files.mesh))
+    assert [picture.shown.tolist() for picture in found] == [texture.faces.tolist() for texture in result.textures]
+    for picture, texture in zip(found, result.textures, strict=True):
+        assert picture.values == pytest.approx(texture.ao, abs=0.51 / 255)
+        assert picture.uvs[picture.shown] == pytest.approx(texture.uvs[texture.faces], abs=1e-6)
+    assert len(trimesh.load(files.mesh).geometry) == 3
+
+
+@needs_validator
+@pytest.mark.parametrize("by", ["material", "mesh"])
+def test_the_validator_accepts_several_textures(tmp_path, by):
+    files = ao.bake(gltf_room(tmp_path), BakeOptions(**FEW, textures=by)).save(tmp_path / "out.glb")
+    assert issues(files.mesh) == [[]]
+
+
+def test_the_materials_of_an_obj_refer_each_to_its_texture(room, tmp_path):
+    files = ao.bake(room, BakeOptions(**FEW, textures="mesh")).save(f"{tmp_path}/out/")
+    library = files.mesh.with_suffix(".mtl").read_text().split("newmtl ")[1:]
+    shown = {entry.split()[0]: entry.split("map_Kd ")[1].strip() for entry in library}
+    assert shown == {
+        "wood_table": "room_ao.table.png",
+        "wood_chair": "room_ao.chair.png",
+        "stone": "room_ao.floor.png",
+    }
+    lines = files.mesh.read_text().splitlines()
+    assert Counter(line for line in lines if line.startswith("usemtl")) == Counter(f"usemtl {name}" for name in shown)
+
+
+def test_names_are_safe_and_differ():
+    assert safe_names(["a b", "A B", "a/b", "", "ä", "x" * 99]) == [
+        "a_b", "A_B_2", "a_b_3", "default", "default_2", "x" * 60,
+    ]  # fmt: skip
+
+
+def test_materials_of_one_name_have_textures_of_their_own(tmp_path):
+    result = ao.bake(gltf_room(tmp_path, materials=("paint", "Paint")), BakeOptions(**FEW, textures="material"))
+    files = result.save(tmp_path / "out.gltf")
+    assert [path.name for path in files.textures] == ["out_ao.paint.png", "out_ao.Paint_2.png"]
+
+
+def test_the_same_input_gives_the_same_bytes(room, tmp_path):
+    written = []
+    for folder in ("a", "b"):
+        options = BakeOptions(**FEW, textures="mesh")
+        (tmp_path / folder).mkdir()
+        ao.bake(room, options).save(tmp_path / folder / "room_ao.glb")
+        written.append((tmp_path / folder / "room_ao.glb").read_bytes())
+    assert written[0] == written[1]
+
+
+def test_values_at_vertices_are_fitted_to_all_textures(room):
+    one, several = (
+        ao.bake(room, BakeOptions(**FEW, textures=by, vertex_ao="attribute")).vertex_ao for by in ("one", "mesh")
+    )
+    assert several == pytest.approx(one, abs=0.15)
+    assert np.abs(several - one).mean() < 0.03
+
+
+def test_formats_with_one_texture_are_refused(room, tmp_path):
+    result = ao.bake(room, BakeOptions(**FEW, textures="material"))
+    with pytest.raises(ArgumentError, match="refers to one texture"):
+        result.save(tmp_path / "out.ply")
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_one_texture_of_several_has_no_name_of_its_own(tmp_path):
+    path = obj_room(tmp_path / "one.obj", OBJECTS[2:], ("stone",))
+    files = ao.bake(path, BakeOptions(**FEW, textures="material")).save(f"{tmp_path}/out/")
+    assert [texture.name for texture in files.textures] == ["one_ao.png"]
+
+
+def test_textures_are_joined_with_rows_between_them():
+    rng = np.random.default_rng(0)
+    textures = [rng.random(shape).astype(np.float32) for shape in ((16, 16), (32, 16))]
+    uvs = rng.random((8, 3, 2))
+    uvs[4:] += [2, -3]  # repeats
+    owners = np.arange(8) % 2
+    stack = TextureStack.of([texture.shape for texture in textures], owners, uvs)
+    joined, moved = stack.join(textures), stack.move(owners, uvs)
+    assert joined.shape == (16 + 32 + 4 * 16, 16)
+    for face, owner in enumerate(owners):
+        inside = (np.abs(uvs[face] % 1 - 0.5) < 0.45).all(axis=1)
+        here = bilinear(joined, moved[face], repeats=False)
+        assert here[inside] == pytest.approx(bilinear(textures[owner], uvs[face], repeats=True)[inside], abs=1e-5)
