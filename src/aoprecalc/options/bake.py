@@ -221,7 +221,7 @@ class BakeOptions(_TextureSize, ValueOptions):
     textures: Annotated[Textures, _texture(
         "Bake one texture, or one for each material or mesh of the file; `size` is that of each.",
         more="All parts occlude each other as in one texture. Several are named after their material or mesh, as "
-        "`<name>_ao.<material>.png`. Where a material or mesh has UVs that can hold its own bake, they are kept.")] = "one"
+        "`<name>_ao.<material>.png`. UVs of a material or mesh that can hold its own bake are kept.")] = "one"
     padding: Annotated[int, _texture(
         "Texels by which charts are extended into the gutters around them.", range=(0, 256), unit="texels",
         more="Gutters are packed twice as wide where there is room.")] = 8
