@@ -28,6 +28,7 @@ WRITTEN = {
     "only": {"roof": ("roof",)},
     "occluder": {"wall.obj": ("wall.obj",)},
     "sky": {"overcast": "overcast", "sky.hdr": "sky.hdr"},
+    "pose": {"walk@0.5": ("walk@0.5",)},
     "bit_depth": {"16": "16", 16: "16"},
 }
 NUMBERS = {
@@ -67,7 +68,8 @@ def said_of(kind):
         elif field.name == "levels":
             yield field.name, [3, 9], (3, 9)
         elif option_field(kind, field.name).kind in ("names", "files"):
-            yield field.name, ["roof", "wall *"], ("roof", "wall *")
+            names = ["walk@0.5", "run@1"] if field.name == "pose" else ["roof", "wall *"]
+            yield field.name, names, tuple(names)
 
 
 def beside(key, value):

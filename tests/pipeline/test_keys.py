@@ -167,7 +167,7 @@ OTHER = {
         "pack": "orm", "max_distance": 2.5, "cone": 90.0, "weight": "uniform", "texel_density": 9.0, "strength": 0.5,
         "invert": True, "vertex_ao": "color", "occluder": ("wall.obj",),
         "sky": "overcast",
-        "textures": "mesh",
+        "textures": "mesh", "pose": ("walk@0.5",),
     },
     SphereOptions: {
         "spheres": 8, "samples": 500, "seed": 1, "radius": "cover", "init": "kmeans++", "max_iterations": 5,

@@ -9,6 +9,7 @@ import numpy as np
 
 from aoprecalc.api.bake_messages import describe_uvs, ground_alone, messages_on
 from aoprecalc.api.documents import RayTracedErrors
+from aoprecalc.api.mesh import with_poses
 from aoprecalc.api.reports import (
     BakeOutputs,
     BakeReport,
@@ -29,7 +30,7 @@ from aoprecalc.api.surroundings import with_surroundings
 from aoprecalc.api.texture_size import choose_texture, resolution_target
 from aoprecalc.api.vertex_ao import VertexErrors, fit_to_texture, vertex_errors
 from aoprecalc.errors import InputError, UsageError, counted
-from aoprecalc.mesh.roles import assign_roles, up_axis
+from aoprecalc.mesh.roles import assign_roles, in_poses, up_axis
 from aoprecalc.mesh.surface import default_crease_angle, shading_normals
 from aoprecalc.mesh.topology import topology
 from aoprecalc.metrics.difference import rounded
@@ -63,8 +64,9 @@ class OpenedBake:
 
 
 def prepare_scene(scene: Scene, options: BakeOptions) -> tuple[Scene, Float32Array]:
-    """Return a scene with the roles of its parts and what surrounds it, and its shading normals, (f, 3, 3)."""
+    """Return a scene with its roles, what surrounds it and its poses; and its shading normals, (f, 3, 3) float32."""
     scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
+    scene = with_poses(scene, options)
     return scene, shading_normals(scene, options.normals, options.crease_angle)
 
 
@@ -106,7 +108,9 @@ def bake_scene(
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; {advice}")
         overlap = setup.overlap()
         shadow_size = options.shadow_size or max(
-            auto_shadow_size(side.scene, atlas, len(texels), options.directions) for side in setup.sides
+            auto_shadow_size(posed, atlas, len(texels), options.directions)
+            for side in setup.sides
+            for posed, _ in in_poses(side.scene, normals)
         )
         chunk_size = texels_per_chunk(
             options.memory_limit,
@@ -118,6 +122,7 @@ def bake_scene(
         )
         passes = sum(len(chunks(len(side.texels), chunk_size)) for side in setup.sides)
         unit = "directions" if passes == len(setup.sides) else f"directions, {passes} times to save memory"
+        passes *= max(1, len(scene.poses))
         with timer.stage("visibility", passes * 2 * len(setup.axes), unit):
             sides = [
                 _gather_side(setup, side, make_visibility, shadow_size, chunk_size, progress) for side in setup.sides

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.documents import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
-from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
+from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default, with_poses
 from aoprecalc.api.surroundings import files_beside, with_surroundings
 from aoprecalc.api.textured_surface import TexturedSurface, find_texture
 from aoprecalc.errors import UsageError, counted, one_or_many
@@ -198,6 +198,7 @@ def verify(
             claim_output(outputs, wanted[key][0], path)
         value = files_beside(surface.options, surface.scene, picture.name)
         outputs.protect(map(Path, option_files(value)))
+        surface = replace(surface, scene=with_poses(surface.scene, value))
         scene = with_surroundings(surface.scene, value)
         normals = shading_normals(surface.scene, surface.options.normals, surface.options.crease_angle)
         with timer.stage("rays", options.points, "points"):

@@ -175,7 +175,7 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         if about.off:
             name, given["shown"] = f"{name}/{about.off}", about.default_text or about.off
     elif field.kind in ("names", "files"):
-        metavar = "NAME" if field.kind == "names" else "FILE"
+        metavar = about.metavar or ("NAME" if field.kind == "names" else "FILE")
         given |= {"multiple": True, "metavar": metavar, "shown": about.default_text}
     else:
         default = field.default if about.quantity is None else _written_default(field, about.quantity)

@@ -75,8 +75,7 @@ def _scene_format(scene: Scene) -> MeshFormat:
 def load_scene(path: str | PathLike[str]) -> Scene:
     """Read all triangles of a mesh file: OBJ, PLY, STL, OFF, glTF, USD, FBX, COLLADA, 3MF, or one of these in a ZIP.
 
-    Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings for the user are in
-    Scene.warnings.
+    Polygons, strips and fans are cut into triangles; points and lines are left out. Warnings are in Scene.warnings.
 
     Raises UsageError for an unknown extension, and InputError where the file is missing or damaged, has values that are
     not finite, refers to missing data or has no faces with area.
@@ -145,6 +144,11 @@ def _meshes_in(folder: Path) -> list[str]:
         return sorted(entry.name for entry in folder.iterdir() if entry.name.lower().endswith(MESH_EXTENSIONS))
     except OSError:
         return []
+
+
+def scene_in_pose(scene: Scene, pose: str) -> Scene:
+    """Return a scene where an animation stands at a time; see `MeshFormat.in_pose`."""
+    return _scene_format(scene).in_pose(scene, pose)
 
 
 # Writing.

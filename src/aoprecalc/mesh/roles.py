@@ -11,7 +11,7 @@ import numpy as np
 from aoprecalc.errors import ArgumentError, InputError, UsageError, counted, nearest
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LightOptions, PreviewOptions
-from aoprecalc.types import BoolArray, Float64Array, Part, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Part, Scene
 
 _CELLS = 64  # along the longest side of the parts that receive: those with an empty one between them are apart
 _MAX_SHARE, _MAX_GROUPS = 1 / 32, 16  # of that side that each group of parts takes up at most; groups
@@ -141,6 +141,21 @@ def baked_apart(scene: Scene) -> tuple[Scene, ...]:
     levels = [at_level(scene, level) for level in range(scene.levels)]
     groups = [group for shown in levels if shown.receives.any() for group in _groups(shown)]
     return tuple(group for group in groups if group.receives.any())
+
+
+def in_poses(scene: Scene, normals: Float32Array) -> tuple[tuple[Scene, Float32Array], ...]:
+    """Return a scene and its shading normals, (f, 3, 3), in each of its poses; as it stands where it has none.
+
+    The roles of its parts are the same in all of them.
+    """
+    if not scene.poses:
+        return ((scene, normals),)
+    posed = list[tuple[Scene, Float32Array]]()
+    for pose in scene.poses.values():
+        assert pose.normals is not None  # see Scene.poses
+        own = replace(scene, positions=pose.positions, faces=pose.faces, normals=pose.normals, poses={})
+        posed.append((own, pose.normals))
+    return tuple(posed)
 
 
 def _groups(scene: Scene) -> tuple[Scene, ...]:

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
-from aoprecalc.mesh.roles import baked_apart
+from aoprecalc.mesh.roles import baked_apart, in_poses
 from aoprecalc.mesh.surface import SurfacePoints
 from aoprecalc.mesh.topology import edge_ids
 from aoprecalc.progress import Progress
@@ -233,7 +233,8 @@ def reference_ao(
     Rays w are distributed by the integrand's weight, as a rule their cosine with the interpolated shading normal n, and
     count by the radiance of the sky. Estimator ratio: the visible fraction of the rays above the geometric horizon,
     g.w > 0 with the face normal g; mean: the number of these visible rays / the number of all rays. If n opposes g, g
-    replaces it. Two-sided faces have the maximum of both sides' values.
+    replaces it. Two-sided faces have the maximum of both sides' values. In several poses both numbers of rays are
+    summed over them.
     Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
     """
     values: Float64Array = np.zeros(len(points))
@@ -254,14 +255,20 @@ def _in_one_pass(
     integrand: Integrand,
 ) -> Float64Array:
     """Return the ambient occlusion at points of parts that are baked together."""
-    surface = NormalizedSurface.from_scene(scene, shading)
-    rays = RayOcclusion(surface, integrand, options.threads)
-    positions, normals, geometric = surface.interpolate(points.faces, points.weights)
-    values = _one_side(rays, (positions, normals, geometric), options, integrand, progress)
     two_sided = np.flatnonzero(scene.two_sided[points.faces])
-    behind = positions[two_sided], -normals[two_sided], -geometric[two_sided]
-    back = _one_side(rays, behind, options, integrand, Progress())
-    values[two_sided] = np.maximum(values[two_sided], back)
+    front, back = np.zeros((2, len(points))), np.zeros((2, len(two_sided)))
+    for posed, normals_of_pose in in_poses(scene, shading):
+        surface = NormalizedSurface.from_scene(posed, normals_of_pose)
+        rays = RayOcclusion(surface, integrand, options.threads)
+        positions, normals, geometric = surface.interpolate(points.faces, points.weights)
+        front += _one_side(rays, (positions, normals, geometric), options, integrand, progress)
+        behind = positions[two_sided], -normals[two_sided], -geometric[two_sided]
+        back += _one_side(rays, behind, options, integrand, Progress())
+        progress = Progress()
+    values: Float64Array
+    tiny = np.finfo(float).tiny
+    values, lighter = (visible / np.maximum(counted, tiny) for visible, counted in (front, back))
+    values[two_sided] = np.maximum(values[two_sided], lighter)
     return values
 
 
@@ -272,11 +279,14 @@ def _one_side(
     integrand: Integrand,
     progress: Progress,
 ) -> Float64Array:
-    """Return the values of points on one side: their positions, shading normals and face normals, (k, 3) each."""
+    """Return what the visible rays from points on one side count for, and what all do, (2, k).
+
+    points   their positions, shading normals and face normals, (k, 3) each
+    """
     positions, normals, geometric = points
     rays = stratified_ray_count(options.rays)
     rng = np.random.default_rng(options.seed)
-    values = np.empty(len(positions))
+    sums = np.empty((2, len(positions)))
     chunk_size = max(1, _RAYS_PER_CHUNK // rays)
     for start in range(0, len(positions), chunk_size):
         chunk = slice(start, start + chunk_size)
@@ -286,10 +296,10 @@ def _one_side(
         origins = np.repeat((positions[chunk] + RAY_OFFSET * geometric[chunk]).astype(np.float32), rays, axis=0)
         taken = occluders.occlusion(origins, directions.reshape(-1, 3)).reshape(above_horizon.shape)
         weights = weights * above_horizon
-        counted = rays if integrand.estimator == "mean" else weights.sum(axis=1)
-        values[chunk] = (weights * (1 - taken)).sum(axis=1) / np.maximum(counted, np.finfo(float).tiny)
+        sums[0, chunk] = (weights * (1 - taken)).sum(axis=1)
+        sums[1, chunk] = rays if integrand.estimator == "mean" else weights.sum(axis=1)
         progress.advance(len(upward))
-    return values
+    return sums
 
 
 def _weighted_directions(

@@ -1,5 +1,6 @@
 """Options of `bake` and `verify`: what the value is, and the texture that holds it."""
 
+import re
 from dataclasses import InitVar, dataclass, replace
 from functools import partial
 from typing import Annotated, Literal
@@ -90,6 +91,10 @@ AllPartsField = Annotated[bool, _scene(
     "Treat levels of detail and collision hulls as ordinary parts.",
     more="Without it each level of detail is baked as if the others were not there (MSFT_lod, names like tree_LOD1), "
     "and collision hulls (names like UCX_tree, COL_tree, tree-colonly) neither receive nor occlude.")]
+PoseField = Annotated[tuple[str, ...], _mesh(
+    "Pose in which light is measured: an animation of a glTF at a time, such as walk@0.5.", metavar="NAME@SECONDS",
+    more="A number stands for an animation without a name. In several poses visibility is summed over all of them. UVs "
+    "and the mesh that is written are those of the rest pose.")]
 ThreadsField = Annotated[int, _run(
     "Threads for software rendering and rays; 0: all cores.", range=(0, 1024),
     more="A process keeps the number that its first bake asked for.")]
@@ -152,6 +157,7 @@ class ValueOptions(LightOptions):
     instances: Annotated[Instances, _mesh(
         "Bake each instance of a mesh into texels of its own, or let them share texels.",
         more="Shared texels hold the mean of the instances' values.")] = "bake"
+    pose: PoseField = ()
 
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
@@ -166,6 +172,11 @@ class ValueOptions(LightOptions):
             raise ArgumentError(
                 "estimator", "is 'mean', whose divisor is that of a uniform sky; omit it, or {sky}", "sky"
             )
+        for pose in self.pose:
+            name, at, seconds = pose.rpartition("@")
+            if not (name and at and re.fullmatch(r"\d+(\.\d*)?|\.\d+", seconds)):
+                expected = "an animation and seconds such as 'walk@0.5' were expected"
+                raise ArgumentError("pose", f"has {pose!r}; {expected}")
 
 
 class _TextureSize:
@@ -302,6 +313,7 @@ class VerifyOptions(Validated):
     weight: WeightField | None = None
     normals: NormalsField | None = None
     crease_angle: CreaseAngleField | None = None
+    pose: PoseField | None = None
     tolerance: Annotated[float | None, _measurement(
         "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", common=True, range=(0, 1),
         metavar="E", default_text="any error passes", more="The outputs stay.")] = None

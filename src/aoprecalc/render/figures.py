@@ -13,6 +13,7 @@ import numpy as np
 
 from aoprecalc.errors import counted
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
+from aoprecalc.mesh.roles import in_poses
 from aoprecalc.mesh.surface import bounding_sphere, positions_of
 from aoprecalc.options import BakeOptions, PreviewOptions
 from aoprecalc.progress import Progress
@@ -87,7 +88,7 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
     Raises what `bake_scene` raises.
     """
     size = min(baked.shadow_size or options.shadow_size or _RAY_SIZE, MAX_SHADOW_SIZE)
-    scene = baked.scene
+    scene = in_poses(baked.scene, baked.normals)[0][0]
     shown = positions_of(scene, scene.receives | scene.occludes)
     center, radius = bounding_sphere(shown)
     corners = opaque_triangles(scene)

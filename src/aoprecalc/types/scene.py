@@ -1,6 +1,6 @@
 """What is baked: a scene of parts with their materials; and the types of arrays."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -119,6 +119,7 @@ class Scene:
     ground_normal  the unit vector away from the infinite ground plane; None where there is none
     ground_height  of that plane along its normal; None: that of the lowest point
     baked_only     (f,) bool: the only faces that receive, those of one of several textures; None for all
+    poses          by name the same faces elsewhere, with their shading normals: light is measured in these, if any
     """
 
     path: Path
@@ -141,6 +142,7 @@ class Scene:
     ground_normal: tuple[float, float, float] | None = None
     ground_height: float | None = None
     baked_only: BoolArray | None = None
+    poses: Mapping[str, "Scene"] = field(default_factory=dict)
 
     @property
     def corners(self) -> Float64Array:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from aoprecalc.mesh.detail import detail_of
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.types import (
@@ -82,27 +83,11 @@ def _some(index: Int32Array, count: int) -> Int32Array:
 
 def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[str, BoolArray]:
     """Return by cause which of k surface points it keeps dark, (k,) bool each; a point has one cause."""
-    surface, options = setup.sides[0].surface, setup.inputs.options
-    points, normals, geometric = surface.interpolate(faces, weights)
-    axes = light_axes(_DIRECTIONS)
-    directions = np.concatenate([axes, -axes])
-    cosines = geometric @ directions.T
-    origins = points[:, None] + RAY_OFFSET * np.sign(cosines)[:, :, None] * geometric[:, None]
-    along = np.broadcast_to(directions, origins.shape)
-    rays = [np.ascontiguousarray(ends.reshape(-1, 3), np.float32) for ends in (origins, along)]
-    leaves = ~RayCaster(surface.occluders, options.threads).occluded(rays[0], rays[1]).reshape(cosines.shape)
-
-    def open_share(weight: Float64Array) -> Float64Array:
-        shares: Float64Array = (weight * leaves).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
-        return shares
-
-    front = open_share(np.where(cosines > 0, np.maximum(normals @ directions.T, 0), 0))  # without the ground
-    back = open_share(np.maximum(-cosines, 0))
-    by_ground = (front >= DARK) & (surface.ground_normal is not None)
-    on_ground = np.zeros(len(faces), bool)
-    if surface.ground_normal is not None:
-        up = np.asarray(surface.ground_normal)
-        on_ground = by_ground & (points @ up <= surface.ground_height + _ON_GROUND)
+    surfaces, threads = setup.sides[0].surfaces, setup.inputs.options.threads
+    seen = [_open_shares(surface, faces, weights, threads) for surface in surfaces]
+    front, back = (np.mean(shares, axis=0) for shares in list(zip(*seen, strict=True))[:2])
+    by_ground = (front >= DARK) & (surfaces[0].ground_normal is not None)
+    on_ground = by_ground & np.all([resting for _, _, resting in seen], axis=0)
     inwards = (front < DARK) & (back >= _OPEN_BACK)
     inside = ~inwards & (front == 0)
     return {
@@ -112,6 +97,30 @@ def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[
         "above_ground": by_ground & ~on_ground,
         "narrow": ~(inside | inwards | by_ground),
     }
+
+
+def _open_shares(
+    surface: NormalizedSurface, faces: Int32Array, weights: Float32Array, threads: int
+) -> tuple[Float64Array, Float64Array, BoolArray]:
+    """Return how open k surface points are to the front and to the back without the ground, and which rest on it."""
+    points, normals, geometric = surface.interpolate(faces, weights)
+    axes = light_axes(_DIRECTIONS)
+    directions = np.concatenate([axes, -axes])
+    cosines = geometric @ directions.T
+    origins = points[:, None] + RAY_OFFSET * np.sign(cosines)[:, :, None] * geometric[:, None]
+    along = np.broadcast_to(directions, origins.shape)
+    rays = [np.ascontiguousarray(ends.reshape(-1, 3), np.float32) for ends in (origins, along)]
+    leaves = ~RayCaster(surface.occluders, threads).occluded(rays[0], rays[1]).reshape(cosines.shape)
+
+    def open_share(weight: Float64Array) -> Float64Array:
+        shares: Float64Array = (weight * leaves).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+        return shares
+
+    resting: BoolArray = np.zeros(len(faces), bool)
+    if surface.ground_normal is not None:
+        resting = points @ np.asarray(surface.ground_normal) <= surface.ground_height + _ON_GROUND
+    front = open_share(np.where(cosines > 0, np.maximum(normals @ directions.T, 0), 0))
+    return front, open_share(np.maximum(-cosines, 0)), resting
 
 
 def _dark_parts(
@@ -143,8 +152,8 @@ def first_look(
 ) -> tuple[Int32Array, Float32Array]:
     """Measure an atlas coarsely, from the front: the face at each texel or -1, and its ambient occlusion, (h, w) each.
 
-    The same for both backends where rays can be traced, and without the ground and the surroundings, so that bakes with
-    other options have the same UVs, and can be compared.
+    The same for both backends where rays can be traced, in the rest pose, without the ground and the surroundings, so
+    that bakes with other options have the same UVs, and can be compared.
     """
     coarse = replace(
         options,
@@ -181,7 +190,8 @@ def first_look(
 
 
 def _front_only(scene: Scene) -> Scene:
-    """Return a scene without the ground and the surroundings, of which the fronts count; its detail too."""
+    """Return a scene in its rest pose without ground and surroundings, of which the fronts count; its detail too."""
     parts, detail = tuple(replace(part, two_sided=False) for part in scene.parts), detail_of(scene)
     front = None if detail is None else replace(detail, scene=_front_only(detail.scene))
-    return replace(scene, parts=parts, ground_normal=None, ground_height=None, surroundings=None, detail=front)
+    alone = replace(scene, parts=parts, ground_normal=None, ground_height=None, surroundings=None, poses={})
+    return replace(alone, detail=front)

@@ -3,12 +3,14 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, Self
 
 import numpy as np
 
+from aoprecalc.mesh.roles import in_poses
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
@@ -81,6 +83,15 @@ class SharedInstances:
         return Samples(np.where(has_face, self.faces[index][samples.faces], np.int32(-1)), weights)
 
 
+def mean_over_poses(sums: Iterable[Float32Array]) -> Float32Array:
+    """Return the mean of the visibility sums in all poses: the quotient of its columns is that of their totals."""
+    each = iter(sums)
+    total, count = next(each), 1
+    for own in each:
+        total, count = total + own, count + 1
+    return total / np.float32(count)
+
+
 class VisibilitySource(Protocol):
     """Returns the visibility sums of one side's texels, computed in this process or elsewhere, with equal results."""
 
@@ -100,14 +111,20 @@ class LocalVisibility:
         self, setup: BakeSetup, side: SurfaceSide, shadow_size: int, chunk_size: int, progress: Progress
     ) -> None:
         """Prepare for up to `chunk_size` texels at a time; directions done are counted on `progress`."""
-        self._tester = setup.backend.tester(side.surface, setup.integrand, chunk_size, shadow_size)
+        self._make_tester = partial(
+            setup.backend.tester, integrand=setup.integrand, max_samples=chunk_size, shadow_size=shadow_size
+        )
+        self._only = self._make_tester(side.surface) if len(side.surfaces) == 1 else None
         self._instances = SharedInstances.from_scene(side.scene)
-        self._setup, self._progress = setup, progress
+        self._setup, self._side, self._progress = setup, side, progress
 
     def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
-        """Return the sums of a chunk of texels; see VisibilitySource."""
+        """Return the sums of a chunk of texels; see VisibilitySource. Several poses take the memory of one."""
         axes = self._setup.axes[self._setup.groups[group]]
-        return self._instances.accumulate(self._tester, samples, axes, group, self._progress)
+        return mean_over_poses(
+            self._instances.accumulate(self._only or self._make_tester(surface), samples, axes, group, self._progress)
+            for surface in self._side.surfaces
+        )
 
 
 def gather_one_direction(
@@ -163,9 +180,10 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     `chunk_size` texels are processed at a time.
     """
     scene, atlas, options, texels = setup.inputs.scene, setup.inputs.atlas, setup.inputs.options, side.texels
+    normals = setup.inputs.normals
     integrand = setup.integrand
     reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats)
-    face_areas = area_per_texel(scene, atlas, texels)
+    face_areas = np.mean([area_per_texel(pose, atlas, texels) for pose, _ in in_poses(scene, normals)], axis=0)
     halves = np.zeros((2, len(texels), 2), np.float32)
     used = [0, 0]  # directions of each half
     error = None

@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.roles import in_poses
 from aoprecalc.mesh.surface import bounding_sphere, positions_of
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import area_per_texel, doubled_uv_areas
-from aoprecalc.types import Float64Array, Texels
+from aoprecalc.types import Float32Array, Float64Array, Texels
 from aoprecalc.visibility.directions import map_texel
-from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion
+from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion, mean_over_poses
 from aoprecalc.visibility.rays import RayTester, embreex_problem
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
@@ -62,6 +64,7 @@ def map_error(setup: BakeSetup, sides: list[TexelOcclusion], shadow_size: int) -
 def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float | None:
     """Return the ratio of map texels to texels, see MapError, of one side; None where the maps are fine enough."""
     scene, atlas = setup.textured(side), setup.inputs.atlas
+    poses = [pose for pose, _ in in_poses(side.scene, setup.inputs.normals)]
     areas = area_per_texel(scene, atlas, side.texels) * bounding_sphere(scene.positions)[1] ** 2
     weights = doubled_uv_areas(atlas.uvs) * (atlas.mapped & scene.receives)
     widths = np.sqrt(np.maximum(areas, 1e-300))
@@ -70,10 +73,10 @@ def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float 
         coarse: Float64Array = weights * (map_width > _COARSE * widths)
         return coarse if coarse.sum() > _MIN_COARSE * weights.sum() else None
 
-    at_most = 2 * bounding_sphere(positions_of(side.scene, side.scene.receives))[1] / shadow_size
+    at_most = max(2 * bounding_sphere(positions_of(pose, pose.receives))[1] / shadow_size for pose in poses)
     if coarse_weights(at_most) is None:  # as a rule
         return None
-    map_width = map_texel(side.scene, shadow_size)
+    map_width = max(map_texel(pose, shadow_size) for pose in poses)
     coarse = coarse_weights(map_width)
     return None if coarse is None else float((coarse * map_width / widths).sum() / coarse.sum())
 
@@ -83,16 +86,19 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
     options, index = setup.inputs.options, found.texels.index
     chosen = np.sort(np.random.default_rng(0).choice(len(index), min(_CHECKED, len(index)), replace=False))
     checked = replace(side, texels=Texels(found.texels.width, found.texels.height, index[chosen]))
-    tester = RayTester(side.surface, setup.integrand, options.threads)
     instances = SharedInstances.from_scene(side.scene)
-    sums, used = np.zeros((len(chosen), 2), np.float32), 0
-    for number, group in enumerate(setup.groups):
-        samples = setup.samples(checked, slice(0, len(chosen)), number)
-        sums += instances.accumulate(tester, samples, setup.axes[group], number, Progress())
-        used += 2 * (group.stop - group.start)
-        if used >= found.directions:
-            break
-    values, measured = setup.integrand.estimate(sums, used)
+
+    def traced(surface: NormalizedSurface) -> Float32Array:
+        tester = RayTester(surface, setup.integrand, options.threads)
+        sums = np.zeros((len(chosen), 2), np.float32)
+        for number, group in enumerate(setup.groups):
+            if 2 * group.start < found.directions:
+                samples = setup.samples(checked, slice(0, len(chosen)), number)
+                sums += instances.accumulate(tester, samples, setup.axes[group], number, Progress())
+        return sums
+
+    sums = mean_over_poses(map(traced, side.surfaces))
+    values, measured = setup.integrand.estimate(sums, found.directions)
     both = measured & found.measured[chosen]
     difference = np.clip(values, 0.0, 1.0)[both] - found.values[chosen][both]
     return float(np.mean(difference**2)) if both.any() else 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from aoprecalc.errors import ArgumentError, format_bytes
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
-from aoprecalc.mesh.roles import baked_apart
+from aoprecalc.mesh.roles import baked_apart, in_poses
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
 from aoprecalc.system import resident_memory
@@ -111,15 +111,20 @@ class SurfaceSide:
     """One side of the surface, front or back, in one pass.
 
     scene     whose surface is measured, with the roles that its parts have on this side
-    surface   flipped so that this side is the front
+    surfaces  in each pose in which light is measured, flipped so that this side is the front
     texels    those that have a value on this side
     faces     (f,) bool: samples on other faces do not count; None: all count
     """
 
     scene: Scene
-    surface: NormalizedSurface
+    surfaces: tuple[NormalizedSurface, ...]
     texels: Texels
     faces: BoolArray | None
+
+    @property
+    def surface(self) -> NormalizedSurface:
+        """The surface in the first pose."""
+        return self.surfaces[0]
 
 
 class BakeSetup:
@@ -150,16 +155,17 @@ class BakeSetup:
         """Yield the front and, where some faces are two-sided, the back of a scene in a pass, perhaps the only one."""
         detail = detail_of(self.inputs.scene)
         normals = self.inputs.normals if detail is None else detail.normals
-        surface, receives = NormalizedSurface.from_scene(scene, normals), scene.receives
+        poses, receives = in_poses(scene, normals), scene.receives
+        surfaces = tuple(NormalizedSurface.from_scene(pose, shading) for pose, shading in poses)
         two_sided = scene.two_sided & receives
-        yield SurfaceSide(scene, surface, self.texels, None) if whole else self._side(scene, surface, receives)
+        yield SurfaceSide(scene, surfaces, self.texels, None) if whole else self._side(scene, surfaces, receives)
         if two_sided.any() and len(self.texels):
-            yield self._side(scene, surface.flipped(), two_sided)
+            yield self._side(scene, tuple(surface.flipped() for surface in surfaces), two_sided)
 
-    def _side(self, scene: Scene, surface: NormalizedSurface, faces: BoolArray) -> SurfaceSide:
+    def _side(self, scene: Scene, surfaces: tuple[NormalizedSurface, ...], faces: BoolArray) -> SurfaceSide:
         """Return a side of which only the faces in a mask, (f,) bool, have texels."""
         face = self.projected(self.center_samples(self.texels)).faces
-        return SurfaceSide(scene, surface, self.texels.select((face < 0) | faces[face]), faces)
+        return SurfaceSide(scene, surfaces, self.texels.select((face < 0) | faces[face]), faces)
 
     def textured(self, side: SurfaceSide) -> Scene:
         """Return the scene that the texture is of; its own surface is measured unless it has a detail."""

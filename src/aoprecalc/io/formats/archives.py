@@ -179,6 +179,10 @@ class UnpackedFormat(MeshFormat):
         """Ask the inner format."""
         return self._inner.read(path, data)
 
+    def in_pose(self, scene: Scene, pose: str) -> Scene:
+        """Ask the inner format."""
+        return self._inner.in_pose(scene, pose)
+
     def source_files(self, scene: Scene) -> list[Path]:
         """Return the ZIP."""
         return [scene.path]

@@ -14,7 +14,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from aoprecalc.errors import UsageError
+from aoprecalc.errors import ArgumentError, UsageError
 from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.formats.textures import (
@@ -181,6 +181,16 @@ class MeshFormat(ABC):
 
         Raises InputError where the file is damaged or has no usable faces.
         """
+
+    def in_pose(self, scene: Scene, pose: str) -> Scene:
+        """Return a scene that was read from this format where an animation stands at a time, and warnings.
+
+        pose   such as walk@0.5
+        It has the same faces and corners in the same order, elsewhere, and no document.
+        Raises ArgumentError where there is no such animation or time, InputError where it is damaged.
+        """
+        found = f"is {pose!r}, but {scene.path} is {self.name}" if scene.format else f"is {pose!r}, but this is no file"
+        raise ArgumentError("pose", f"{found}, and only glTF has poses; omit it, or convert the model to glTF")
 
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
         """Return the files that a file of the given bytes refers to, existing or not."""

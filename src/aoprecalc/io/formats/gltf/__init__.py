@@ -10,10 +10,11 @@ from aoprecalc.errors import AoprecalcError
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.files import ColorImages
+from aoprecalc.io.formats.gltf.animation import posed_document
 from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
 from aoprecalc.io.formats.gltf.materials import base_color
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
-from aoprecalc.io.formats.gltf.reader import part_mesh, part_primitive, read_gltf
+from aoprecalc.io.formats.gltf.reader import part_mesh, part_primitive, read_gltf, read_posed
 from aoprecalc.io.formats.gltf.writer import write_gltf
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.types import BaseColor, Part, Scene
@@ -35,6 +36,12 @@ class GltfFormat(MeshFormat):
     def read(self, path: Path, data: bytes) -> Scene:
         """Read the scene that the file shows, in its rest pose."""
         return read_gltf(path, data)
+
+    def in_pose(self, scene: Scene, pose: str) -> Scene:
+        """Return the scene where a clip of the file stands at a time."""
+        with _damage_told(scene, "its animations cannot be read"):
+            document, warnings = posed_document(_document(scene), pose)
+            return replace(read_posed(scene, document), warnings=warnings)
 
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
         """Return the files of its buffers and images."""

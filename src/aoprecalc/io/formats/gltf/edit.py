@@ -13,8 +13,9 @@ from aoprecalc.io.formats.base import MeshWithAo
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_rows, view_bytes
 from aoprecalc.io.formats.gltf.materials import PORTABLE_UV_SETS, new_uv_set, replaced_uv_sets, uv_sets_of_extensions
+from aoprecalc.io.formats.gltf.nodes import INSTANCING
 from aoprecalc.io.formats.gltf.occlusion_textures import BakedSlot, PrimitiveKey, follow_copies
-from aoprecalc.io.formats.gltf.reader import INSTANCING, PrimitiveSource, morph_weights
+from aoprecalc.io.formats.gltf.reader import PrimitiveSource, morph_weights
 from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
 from aoprecalc.io.formats.gltf.vertices import (
     OUTLINE,

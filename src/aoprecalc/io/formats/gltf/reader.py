@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count, takewhile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,116 +20,14 @@ from aoprecalc.io.formats.gltf.document import (
     raw_values,
     unknown_chunks,
 )
-from aoprecalc.io.formats.gltf.materials import LOD, MaterialReader, mirrored_material
+from aoprecalc.io.formats.gltf.materials import MaterialReader, mirrored_material
+from aoprecalc.io.formats.gltf.nodes import VISIBILITY, SceneNode, instance_matrices, scene_nodes
 from aoprecalc.io.formats.gltf.references import check_references, unknown_extensions
 from aoprecalc.io.formats.polygons import fan_triangles, strip_triangles
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.progress import Note
 from aoprecalc.system import path_from
 from aoprecalc.types import REVERSED_WINDING, Float64Array, Material, Part, Scene
-
-INSTANCING = "EXT_mesh_gpu_instancing"
-_VISIBILITY = "KHR_node_visibility"
-_TRS = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
-
-
-@dataclass(frozen=True, eq=False)
-class SceneNode:
-    """A node of the shown scene.
-
-    matrix   (4, 4) float64, local to world
-    names    of the node and its ancestors
-    lod      the level of detail that it belongs to (MSFT_lod): index of the node of the finest, and which; else None
-    hidden   it, or a node above it, is not visible (KHR_node_visibility)
-    """
-
-    matrix: Float64Array
-    names: frozenset[str]
-    lod: tuple[int, int] | None = None
-    hidden: bool = False
-
-
-def scene_nodes(document: GltfDocument) -> dict[int, SceneNode]:
-    """Return the nodes of the shown scene by index, parents first; raises InputError where they do not form trees.
-
-    The coarser levels of detail of a node (MSFT_lod) are siblings of it, whether a parent names them or not.
-    """
-    pending = [(root, SceneNode(np.eye(4), frozenset())) for root in reversed(_roots(document))]
-    named = {root for root, _ in pending} | _children(document)
-    levels = _levels_of_detail(document)
-    placed: dict[int, SceneNode] = {}
-    while pending:
-        index, parent = pending.pop()
-        if index in placed:
-            raise damaged_file(document.path, f"node {index} is reached twice, a tree of nodes was expected")
-        node = document.entry("nodes", index)
-        names = parent.names | ({node["name"]} if node.get("name") else set())
-        hidden = parent.hidden or not node.get("extensions", {}).get(_VISIBILITY, {}).get("visible", True)
-        placed[index] = SceneNode(parent.matrix @ _local_matrix(node), names, levels.get(index, parent.lod), hidden)
-        pending.extend((child, placed[index]) for child in reversed(node.get("children", [])))
-        coarser = [other for other, (finest, _) in levels.items() if finest == index and other not in named]
-        pending.extend((other, parent) for other in reversed(coarser) if other != index)
-    return placed
-
-
-def _levels_of_detail(document: GltfDocument) -> dict[int, tuple[int, int]]:
-    """Return by node the level of detail that it is (MSFT_lod): the node of the finest, and which, 0 the finest."""
-    levels: dict[int, tuple[int, int]] = {}
-    for finest, node in enumerate(document.json.get("nodes", [])):
-        for level, other in enumerate([finest, *node.get("extensions", {}).get(LOD, {}).get("ids", [])]):
-            if level == 1:
-                levels.setdefault(finest, (finest, 0))
-            if level:
-                document.entry("nodes", other)
-                levels.setdefault(other, (finest, level))
-    return levels
-
-
-def instance_matrices(document: GltfDocument, node: Json) -> Float64Array | None:
-    """Return the (n, 4, 4) instance matrices of a node (EXT_mesh_gpu_instancing), in its space; None if it has none."""
-    attributes = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
-    given = {name: float_values(document, index) for name, index in attributes.items() if name in _TRS}
-    if not given:
-        return None
-    counts = {name: len(rows) for name, rows in given.items()}
-    if len(set(counts.values())) > 1:
-        raise damaged_file(document.path, f"{INSTANCING} has attributes of different lengths: {counts}")
-    rows = zip(*given.values(), strict=True)
-    return np.array([_local_matrix(dict(zip((_TRS[name] for name in given), row, strict=True))) for row in rows])
-
-
-def _roots(document: GltfDocument) -> list[int]:
-    if document.json.get("scenes"):
-        roots: list[int] = document.entry("scenes", document.json.get("scene", 0)).get("nodes", [])
-        return roots
-    nodes: list[Json] = document.json.get("nodes", [])
-    children = _children(document) | {node for node, (_, level) in _levels_of_detail(document).items() if level}
-    return [index for index in range(len(nodes)) if index not in children]
-
-
-def _children(document: GltfDocument) -> set[int]:
-    return {child for node in document.json.get("nodes", []) for child in node.get("children", [])}
-
-
-def _local_matrix(node: Json) -> Float64Array:
-    if "matrix" in node:
-        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    matrix = np.eye(4)
-    matrix[:3, :3] = _rotation(node.get("rotation", (0, 0, 0, 1))) * np.array(node.get("scale", (1, 1, 1)), np.float64)
-    matrix[:3, 3] = node.get("translation", (0, 0, 0))
-    return matrix
-
-
-def _rotation(quaternion: Any) -> Float64Array:
-    x, y, z, w = np.array(quaternion, dtype=np.float64) / (np.linalg.norm(quaternion) or 1.0)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
@@ -179,6 +76,63 @@ def read_gltf(path: Path, data: bytes) -> Scene:
     check_references(path, document.json)
     nodes = scene_nodes(document)
     materials = MaterialReader(document)
+    pieces, skipped, hidden = _pieces(document, nodes, materials)
+    messages: list[str] = [*materials.warnings, *_messages(path, document.json)]
+    if document is not parsed:
+        messages.append(Note("the meshes of the file are compressed, those of a baked copy are not"))
+    if others := unknown_chunks(path, data):
+        messages.append(f"{path} has {counted(others, 'chunk')} beside JSON and BIN, which a baked copy lacks")
+    if skipped:
+        messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
+    if hidden:
+        told = f"{counted(hidden, 'mesh', 'meshes')} of hidden nodes ({VISIBILITY})"
+        if not pieces:
+            raise InputError(f"{path}: all its faces are in {told}; show those that are to be baked")
+        messages.append(Note(f"{told}: left out, neither baked nor in the way of light"))
+    scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
+    return replace(scene, parts=_instances(scene.parts, nodes))
+
+
+def read_posed(scene: Scene, document: GltfDocument) -> Scene:
+    """Return a scene whose nodes stand as in another document: the same faces, and the same corners of each.
+
+    The order of corners is that of the scene, also where the pose mirrors a part. The scene has no document.
+    """
+    pieces = [piece for piece in _pieces(document, scene_nodes(document))[0] if len(piece.vertices)]
+    pieces = [
+        piece if _mirrored(piece.source) == _mirrored(part.source) else _turned(piece)
+        for piece, part in zip(pieces, scene.parts, strict=True)
+    ]
+    posed = build_scene(scene.path, scene.format, pieces)
+    return replace(
+        scene,
+        positions=posed.positions,
+        faces=posed.faces,
+        normals=posed.normals,
+        document=None,
+        warnings=(),
+        notes=(),
+    )
+
+
+def _mirrored(source: object) -> bool:
+    assert isinstance(source, PrimitiveSource)  # the reader made it
+    return source.mirrored
+
+
+def _turned(piece: MeshPiece) -> MeshPiece:
+    """Return a piece with the corners 1 and 2 of each face exchanged."""
+    normals = None if piece.normals is None else piece.normals[:, REVERSED_WINDING]
+    return replace(piece, vertices=piece.vertices[:, REVERSED_WINDING], normals=normals)
+
+
+def _pieces(
+    document: GltfDocument, nodes: dict[int, SceneNode], materials: MaterialReader | None = None
+) -> tuple[list[MeshPiece], int, int]:
+    """Return the primitives that are shown, and how many have no triangles, and how many meshes are hidden.
+
+    materials   None: plain ones
+    """
     pieces: list[MeshPiece] = []
     skipped = hidden = 0
     for number, scene_node in nodes.items():
@@ -196,25 +150,14 @@ def read_gltf(path: Path, data: bytes) -> Scene:
             elif "POSITION" in primitive["attributes"]:
                 shape = _shape(document, node, mesh, primitive)
                 own_name = f"{name}.{index}" if len(mesh["primitives"]) > 1 else name
-                names = {own_name, mesh.get("name"), materials.name(primitive), *scene_node.names}
-                material = materials.material(primitive, shape.vertices)
+                names, material = {own_name, mesh.get("name"), *scene_node.names}, Material()
+                if materials is not None:
+                    names.add(materials.name(primitive))
+                    material = materials.material(primitive, shape.vertices)
                 for matrix in _transforms(document, node, primitive, nodes, number):
                     source = PrimitiveSource(number, node["mesh"], index, matrix[..., :3, :3])
                     pieces.append(_piece(document, own_name, names, shape, matrix, source, material))
-    messages: list[str] = [*materials.warnings, *_messages(path, document.json)]
-    if document is not parsed:
-        messages.append(Note("the meshes of the file are compressed, those of a baked copy are not"))
-    if others := unknown_chunks(path, data):
-        messages.append(f"{path} has {counted(others, 'chunk')} beside JSON and BIN, which a baked copy lacks")
-    if skipped:
-        messages.append(Note(f"{counted(skipped, 'primitive')} of points or lines: not baked"))
-    if hidden:
-        told = f"{counted(hidden, 'mesh', 'meshes')} of hidden nodes ({_VISIBILITY})"
-        if not pieces:
-            raise InputError(f"{path}: all its faces are in {told}; show those that are to be baked")
-        messages.append(Note(f"{told}: left out, neither baked nor in the way of light"))
-    scene = build_scene(path, path.suffix.lower().removeprefix("."), pieces, document, messages)
-    return replace(scene, parts=_instances(scene.parts, nodes))
+    return pieces, skipped, hidden
 
 
 def _messages(path: Path, json: Json) -> Iterator[str]:
