@@ -197,6 +197,20 @@ def ground_height(folder: Path) -> Picture:
     return contact_sheet([(drawn(result), name) for result, name in zip(results, named, strict=True)], 3)
 
 
+def backfaces(_: Path) -> Picture:
+    """A floor with a ball, under a roof that is one sheet which faces up: with its back, and without."""
+    floor, ball = trimesh.creation.box((3, 0.2, 3)), trimesh.creation.icosphere(4, 0.4)
+    floor.apply_translation((0, -0.1, 0))
+    ball.apply_translation((0, 0.4, 0))
+    posts = [trimesh.creation.box(bounds=[(x, 0, z), (x + 0.1, 1, z + 0.1)]) for x in (-1, 0.9) for z in (-1, 0.9)]
+    sheet = trimesh.Trimesh([(-1, 1, -1), (-1, 1, 1), (1, 1, 1), (1, 1, -1)], [(0, 1, 2), (0, 2, 3)], process=False)
+    mesh = trimesh.util.concatenate([floor, ball, *posts, sheet])
+    kinds: list[dict] = [{"backfaces": "occlude"}, {"backfaces": "ignore"}]
+    results = [baked(mesh, size=512, crease_angle=40, backend="ray", **kind) for kind in kinds]
+    cells = [(drawn(result, elevation=12), option_words(kind)) for result, kind in zip(results, kinds, strict=True)]
+    return contact_sheet(cells, 2)
+
+
 def vertex_values(_: Path) -> Picture:
     """A ball on a floor with its texture, with fitted values at the vertices and with sampled ones."""
     ball = trimesh.creation.icosphere(2)
@@ -396,8 +410,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, ground_height, vertex_values, sides, borders, figures, sphere_figures, three,
-            report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, ground_height, backfaces, vertex_values, sides, borders, figures, sphere_figures,
+            three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.masked_triangles import cut_triangles
-from aoprecalc.mesh.opaque_triangles import opaque_triangles
-from aoprecalc.mesh.surface import bounding_sphere, geometric_normals, normalize, positions_of
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
+from aoprecalc.mesh.opaque_triangles import opaque_pieces, opaque_triangles
+from aoprecalc.mesh.surface import area_vectors, bounding_sphere, geometric_normals, normalize, positions_of
+from aoprecalc.mesh.topology import unique_rows
+from aoprecalc.types import REVERSED_WINDING, BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
 _MAX_FLOAT = 1e38  # of positions that nobody looks at
 _NO_TRIANGLES = np.zeros((0, 3, 3))
@@ -27,6 +28,7 @@ class NormalizedSurface:
     geometric_normals  (f, 3) float32: the unit geometric normals g, zero for faces without area
     occluders          (o, 3, 3) float32, o >= 1: the corners of the triangles that stop light, within 1 of the origin
                        too, or far from it: see `from_scene`
+    one_sided          how many of them, the first ones, occlude only what is in front of them
     receiving_points   (r, 3) float32: the positions that receive
     has_outer_occluders   something occludes that does not receive, and so may reach beyond the receiving points
     ground_normal      the unit vector away from the infinite ground plane; None where there is none
@@ -40,6 +42,7 @@ class NormalizedSurface:
     shading_normals: Float32Array
     geometric_normals: Float32Array
     occluders: Float32Array
+    one_sided: int
     receiving_points: Float32Array
     has_outer_occluders: bool
     ground_normal: tuple[float, float, float] | None
@@ -67,9 +70,11 @@ class NormalizedSurface:
             scaled: Float64Array = (positions - center) / radius
             return scaled
 
-        occluders = normalized(np.concatenate([opaque_triangles(scene), around]))
+        geometric = geometric_normals(scene, shading)
+        stopping_sides = [normalized(triangles) for triangles in _occluders(scene, geometric)]
         if has_far_occluders:
-            occluders = cut_by_distance(occluders)
+            stopping_sides = [cut_by_distance(triangles) for triangles in stopping_sides]
+        occluders = np.concatenate(stopping_sides)
         # Renderers and ray tracers need at least one triangle; this one has no area.
         stopping = occluders.astype(np.float32) if len(occluders) else np.zeros((1, 3, 3), np.float32)
         points = normalized(receiving).astype(np.float32)
@@ -80,8 +85,9 @@ class NormalizedSurface:
             positions=np.clip(normalized(scene.positions), -_MAX_FLOAT, _MAX_FLOAT).astype(np.float32),
             faces=scene.faces,
             shading_normals=shading,
-            geometric_normals=geometric_normals(scene, shading),
+            geometric_normals=geometric,
             occluders=stopping,
+            one_sided=len(stopping_sides[0]),
             receiving_points=points,
             has_outer_occluders=bool((scene.occludes & ~scene.receives).any() or len(around)),
             ground_normal=scene.ground_normal,
@@ -127,6 +133,39 @@ class NormalizedSurface:
         opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
         shading[opposed] = geometric[opposed]
         return positions, normalize(shading), geometric
+
+
+# Occluders that count from one side, and from both.
+
+
+def _occluders(scene: Scene, geometric: Float32Array) -> tuple[Float64Array, Float64Array]:
+    """Return the triangles that occlude what is in front of them, by winding, and those that do so on both sides.
+
+    geometric   (f, 3): the unit geometric normals, on the fronts
+    Two triangles that are each other's back make a sheet with two sides.
+    """
+    around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
+    if scene.backs_occlude:
+        return _NO_TRIANGLES, np.concatenate([opaque_triangles(scene), around])
+    pieces, faces = opaque_pieces(scene)
+    turned = np.einsum("ox,ox->o", area_vectors(pieces), geometric[faces]) < 0
+    pieces = np.where(turned[:, None, None], pieces[:, REVERSED_WINDING], pieces)
+    double = scene.per_face(part.material.foliage or part.material.double_sided for part in scene.parts)[faces]
+    triangles = np.concatenate([pieces, around])
+    both = np.concatenate([double, np.zeros(len(around), bool)]) | _have_backs(triangles)
+    return triangles[~both], triangles[both]
+
+
+def _have_backs(triangles: Float64Array) -> BoolArray:
+    """Return which of (o, 3, 3) triangles are there in the opposite winding, too, (o,) bool."""
+    corners = unique_rows(triangles.reshape(-1, 3))[1].reshape(-1, 3)
+    order = np.argsort(corners, axis=1)
+    same = unique_rows(np.take_along_axis(corners, order, axis=1))[1]
+    forwards = (order[:, 1] - order[:, 0]) % 3 == 1
+    count = int(same.max(initial=-1)) + 1
+    has_both = (np.bincount(same[forwards], minlength=count) > 0) & (np.bincount(same[~forwards], minlength=count) > 0)
+    backed: BoolArray = has_both[same]
+    return backed
 
 
 # Occluders around what receives.

@@ -37,6 +37,7 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     return replace(
         scene,
         parts=_with_shares(parts, share),
+        backs_occlude=options.backfaces == "occlude",
         ground_normal=_ground_normal(scene, options),
         ground_height=options.ground_height,
     )

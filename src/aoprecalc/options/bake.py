@@ -20,6 +20,7 @@ Instances = Literal["bake", "share"]
 Pack = Literal["none", "orm"]
 VertexAo = Literal["none", "attribute", "color"]
 Textures = Literal["one", "material", "mesh"]
+Backfaces = Literal["occlude", "ignore"]
 Up = Literal["auto", "x", "y", "z"]
 Falloff = Literal["none", "linear", "smooth"]
 Weight = Literal["cosine", "uniform"]
@@ -83,6 +84,9 @@ SkyField = Annotated[str, _scene(
     "zenith as at the horizon. Images have the zenith in the top row, and +X in the middle.")]
 GroundField = Annotated[bool, _scene(
     "Put the scene on an endless ground plane: no light comes from below.", common=True)]
+BackfacesField = Annotated[Backfaces, _scene(
+    "Whether faces occlude from behind, too, or only what is in front of them.",
+    more="Faces of double-sided materials always occlude from both sides.")]
 GroundHeightField = Annotated[float | None, _scene(
     "Height of the ground of `ground` along the axis that points up.", range=(-1_000_000_000, 1_000_000_000),
     unit="units of the mesh", metavar="X", default_text="the lowest point", more="What lies below the ground is dark.")]
@@ -113,6 +117,7 @@ class LightOptions(Validated):
     all_parts: AllPartsField = False
     two_sided: TwoSidedField = False
     sky: SkyField = "uniform"
+    backfaces: BackfacesField = "occlude"
     ground: GroundField = False
     ground_height: GroundHeightField = None
     up: UpField = "auto"
@@ -326,6 +331,7 @@ class VerifyOptions(Validated):
     all_parts: AllPartsField | None = None
     two_sided: TwoSidedField | None = None
     sky: SkyField | None = None
+    backfaces: BackfacesField | None = None
     ground: GroundField | None = None
     ground_height: GroundHeightField | None = None
     up: UpField | None = None

@@ -45,12 +45,14 @@ class Material:
     transparent   light passes through
     unlit         its colour does not depend on light, so that it needs no ambient occlusion
     foliage       a thin sheet that is visible from both sides, such as a leaf
+    double_sided  its faces are visible from behind, too
     alpha_mask    None where it has no holes
     """
 
     transparent: bool = False
     unlit: bool = False
     foliage: bool = False
+    double_sided: bool = False
     alpha_mask: AlphaMask | None = None
 
 
@@ -115,6 +117,7 @@ class Scene:
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
     detail         the surface whose light is measured in the place of its own, see `mesh/detail.py`; None as a rule
     sky            (h, w) float32 > 0: an image of the light from all around, see `ImageSky`; None without one
+    backs_occlude  faces occlude what is behind them, too; else only those of double-sided materials do
     surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
     ground_normal  the unit vector away from the infinite ground plane; None where there is none
     ground_height  of that plane along its normal; None: that of the lowest point
@@ -138,6 +141,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     detail: object = None
     sky: Float32Array | None = None
+    backs_occlude: bool = True
     surroundings: Float64Array | None = None
     ground_normal: tuple[float, float, float] | None = None
     ground_height: float | None = None

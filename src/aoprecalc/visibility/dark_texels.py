@@ -110,7 +110,7 @@ def _open_shares(
     origins = points[:, None] + RAY_OFFSET * np.sign(cosines)[:, :, None] * geometric[:, None]
     along = np.broadcast_to(directions, origins.shape)
     rays = [np.ascontiguousarray(ends.reshape(-1, 3), np.float32) for ends in (origins, along)]
-    leaves = ~RayCaster(surface.occluders, threads).occluded(rays[0], rays[1]).reshape(cosines.shape)
+    leaves = ~RayCaster(surface.occluders, threads, surface.one_sided).occluded(rays[0], rays[1]).reshape(cosines.shape)
 
     def open_share(weight: Float64Array) -> Float64Array:
         shares: Float64Array = (weight * leaves).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)

@@ -16,7 +16,7 @@ from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, morton_codes
-from aoprecalc.types import Float32Array, Float64Array
+from aoprecalc.types import REVERSED_WINDING, Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections, convex_hull_points, fit_projections
 from aoprecalc.visibility.integrand import Integrand
 
@@ -37,12 +37,17 @@ _NOTHING = -2.0  # instead of a depth, which lies in [-1, 1]
 class DepthMaps:
     """Two targets, one tile for each axis: the depths nearest to its positive and negative end; see map_code.glsl."""
 
-    def __init__(self, context: moderngl.Context, corners: Float32Array, size: int, *, clip: bool = False) -> None:
+    def __init__(
+        self, context: moderngl.Context, corners: Float32Array, size: int, *, clip: bool = False, one_sided: int = 0
+    ) -> None:
         """Upload occluders, (o, 3, 3) float32 corners.
 
-        size   a map's side in texels
-        clip   occluders may lie beyond the maps
+        size        a map's side in texels
+        clip        occluders may lie beyond the maps
+        one_sided   how many of the occluders, the first ones, occlude only what is in front of them
         """
+        if one_sided:
+            corners = np.concatenate([corners, corners[one_sided:, REVERSED_WINDING]])
         limit = context.info["GL_MAX_TEXTURE_SIZE"] // size
         tiles = max(1, min(_MAX_BATCH_BYTES // (_MAP_TEXEL_BYTES * size * size), limit * limit, _MAX_BATCH_AXES))
         columns = 2 ** (tiles.bit_length() // 2)
@@ -58,7 +63,8 @@ class DepthMaps:
                 "shadow_size", f"is {size}, beyond this renderer; use a smaller one, or auto"
             ) from error
         self._axes = context.buffer(reserve=self.capacity * 5 * 16)
-        constants = {"AXES": self.capacity, "GRID": float(GRID)}
+        fronts_only = "true" if one_sided else "false"
+        constants = {"AXES": self.capacity, "GRID": float(GRID), "FRONTS_ONLY": fronts_only}
         self._small = compute_program(
             context, __package__, "small.comp.glsl", LOCAL_SIZE=_SMALL_LOCAL_SIZE, **constants
         )
@@ -192,6 +198,7 @@ class ReceiverBuffers:
             **constants,
             AXES=maps.capacity,
             EACH_AXIS=each_axis,
+            FRONTS_ONLY="true" if surface.one_sided else "false",
             GRID=float(GRID),
             WEIGHT="cosine" if integrand.weight == "cosine" else "1.0",
             MIN_COSINE=integrand.min_cosine,
@@ -263,7 +270,13 @@ class DepthMapTester:
         """Allocate for `max_samples` at a time and for maps of `shadow_size` texels a side."""
         self._hull = convex_hull_points(surface.receiving_points.astype(np.float64))
         self._shadow_size, self._surface, self._integrand = shadow_size, surface, integrand
-        self._maps = DepthMaps(renderer.context, surface.occluders, shadow_size, clip=surface.has_outer_occluders)
+        self._maps = DepthMaps(
+            renderer.context,
+            surface.occluders,
+            shadow_size,
+            clip=surface.has_outer_occluders,
+            one_sided=surface.one_sided,
+        )
         self._receivers = ReceiverBuffers(renderer.context, surface, integrand, max_samples, self._maps)
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:

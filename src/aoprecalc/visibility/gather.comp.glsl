@@ -63,6 +63,9 @@ void addAxis(inout Receiver at, int axis) {
         float rise = dot(slope, aside) + abs(g_along) * before;     // height of Q above the receiver's plane
         float nearer = before - towards * dot(occluder.yz, aside);  // from P along the axis to the occluder's plane
         bool known = code != 0u && nearer > -length(pitch);
+        // Without the receiver's own surface in the map, a neighbour counts only where it comes down to P at a concave edge:
+        // within half a map texel. Else the edge of every occluder would hide half a texel more.
+        if (FRONTS_ONLY && tap > 0) known = known && nearer < 0.5 * (length(pitch) + dot(abs(occluder.yz), pitch));
         hidden = known
             && rise > ROUNDING + 2.0 / GRID * dot(abs(slope), pitch)
             && nearer > ROUNDING + dot(slopeError(occluder.yz), abs(aside));

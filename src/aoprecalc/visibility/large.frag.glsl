@@ -9,6 +9,6 @@ layout(location = 0) out float near;
 layout(location = 1) out float far;
 
 void main() {
-    near = uintBitsToFloat(mapCode(depth, slopes));
-    far = uintBitsToFloat(mapCode(-depth, slopes));
+    near = FRONTS_ONLY && gl_FrontFacing ? 0.0 : uintBitsToFloat(mapCode(depth, slopes));
+    far = FRONTS_ONLY && !gl_FrontFacing ? 0.0 : uintBitsToFloat(mapCode(-depth, slopes));
 }

@@ -24,6 +24,8 @@ RAY_OFFSET = 1e-5
 _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
 _FAR = 1e30  # Embree gives more where a ray hits nothing
 _SIGNS = (1.0, -1.0)  # of the two directions of an axis
+_MAX_BACKS = 100  # of triangles that a ray passes from behind; beyond so many it sees nothing
+_PAST = 2e-6  # behind such a triangle, as a share of 1 and the way so far, the ray goes on: 32-bit floats tell it apart
 _ABOVE = 1.5  # distance from the origin at which rays along an axis start, outside the unit sphere
 
 
@@ -46,11 +48,12 @@ def require_embreex() -> None:
 
 
 class RayCaster:
-    """The triangles of a mesh in an Embree scene; both their sides stop rays."""
+    """The triangles of a mesh in an Embree scene."""
 
-    def __init__(self, corners: Float32Array, threads: int = 0) -> None:
+    def __init__(self, corners: Float32Array, threads: int = 0, one_sided: int = 0) -> None:
         """Build over triangles, (o, 3, 3) float32 corners; `threads` cast rays, 0 is one for each core.
 
+        one_sided   how many of them, the first ones, do not stop rays from behind, for `occluded` and `distances`
         Raises RendererError where rays cannot be traced.
         """
         require_embreex()
@@ -61,7 +64,7 @@ class RayCaster:
         # The scene does not keep its vertices alive.
         vertices = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
         self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
-        self._threads = threads or whole_cores()
+        self._threads, self._one_sided = threads or whole_cores(), one_sided
 
     def occluded(self, origins: Float32Array, directions: Float32Array, max_distance: float = _FAR) -> BoolArray:
         """Return which of k rays hit a triangle nearer than `max_distance`, (k,) bool.
@@ -69,6 +72,8 @@ class RayCaster:
         origins      (k, 3) float32
         directions   (k, 3) float32, or (1, 3) for parallel rays
         """
+        if self._one_sided:
+            return ~np.isnan(self.distances(origins, directions, max_distance))
         hits = np.empty(len(origins), bool)
 
         def cast(start: int) -> None:
@@ -107,8 +112,8 @@ class RayCaster:
         self._for_chunks(cast, len(positions))
         return hits
 
-    def distances(self, origins: Float32Array, directions: Float32Array) -> Float32Array:
-        """Return how far k rays go until they hit a triangle, (k,) float32; NaN where they hit none.
+    def distances(self, origins: Float32Array, directions: Float32Array, max_distance: float = _FAR) -> Float32Array:
+        """Return how far k rays go until a triangle nearer than `max_distance` stops them, (k,) float32; else NaN.
 
         origins      (k, 3) float32
         directions   (k, 3) float32 unit vectors, or (1, 3) for parallel rays
@@ -118,10 +123,30 @@ class RayCaster:
         def cast(start: int) -> None:
             chunk = slice(start, start + _CHUNK_RAYS)
             along = directions if len(directions) == 1 else directions[chunk]
-            lengths[chunk] = self._scene.run(origins[chunk], along, query="DISTANCE")
+            if self._one_sided:
+                lengths[chunk] = self._to_fronts(origins[chunk], along, max_distance)
+            else:
+                lengths[chunk] = self._scene.run(origins[chunk], along, max_distance, query="DISTANCE")
 
         self._for_chunks(cast, len(origins))
-        lengths[lengths > _FAR] = np.nan
+        lengths[lengths >= min(max_distance, _FAR)] = np.nan
+        return lengths
+
+    def _to_fronts(self, origins: Float32Array, directions: Float32Array, max_distance: float) -> Float32Array:
+        """Return how far rays go, see `distances`, on past the triangles that they meet from behind; else 2e30."""
+        lengths, passed = np.full(len(origins), 2 * _FAR, np.float32), np.zeros(len(origins), np.float32)
+        waiting = np.arange(len(origins))
+        for _ in range(_MAX_BACKS):
+            along = directions if len(directions) == 1 else directions[waiting]
+            start = origins[waiting] + passed[waiting, None] * along
+            hits = self._scene.run(start, along, np.float32(max_distance) - passed[waiting], "INTERSECT", output=1)
+            behind = (hits["primID"] < self._one_sided) & ((hits["Ng"] * along).sum(axis=1) > 0)
+            stopped = (hits["primID"] >= 0) & ~behind
+            lengths[waiting[stopped]] = passed[waiting[stopped]] + hits["tfar"][stopped]
+            passed[waiting[behind]] += hits["tfar"][behind] + _PAST * (1 + passed[waiting[behind]])
+            waiting = waiting[behind]
+            if not len(waiting):
+                break
         return lengths
 
     def meets(
@@ -158,7 +183,7 @@ class RayOcclusion:
     def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
         """Build the occluders. Raises RendererError where embreex is not installed."""
         self._surface, self._integrand = surface, integrand
-        self._occluders = RayCaster(surface.occluders, threads)
+        self._occluders = RayCaster(surface.occluders, threads, surface.one_sided)
 
     def occlusion(self, origins: Float32Array, directions: Float32Array) -> Float64Array:
         """Return the share of the light from each of k directions that is taken, (k,) in [0, 1].

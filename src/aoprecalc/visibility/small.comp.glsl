@@ -54,8 +54,9 @@ void main() {
         if (covered) {
             float depth = clamp(a.z + dot(slope, at), min_depth, max_depth);
             ivec2 texel = ivec2(at + a.xy + rows[axis + 4].xy);
-            imageAtomicMax(nears, texel, mapCode(depth, slopes));
-            imageAtomicMax(fars, texel, mapCode(-depth, slopes));
+            // What is clockwise in the map faces those whom light from the positive end would reach.
+            if (!FRONTS_ONLY || area < 0.0) imageAtomicMax(nears, texel, mapCode(depth, slopes));
+            if (!FRONTS_ONLY || area > 0.0) imageAtomicMax(fars, texel, mapCode(-depth, slopes));
         }
     }
 }

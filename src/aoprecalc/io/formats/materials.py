@@ -38,8 +38,8 @@ class ExaminedMaterial(Generic[M]):
         if made.alpha_mode == "MASK" and self.opacity is not None and uvs is not None:
             wraps = (made.placement.wrap, made.placement.wrap)
             mask = AlphaMask(self.opacity, made.placement.transform(uvs), np.ones(uvs.shape[:2]), _CUTOFF, wraps)
-            return Material(foliage=made.double_sided, alpha_mask=mask)
-        return Material(transparent=made.alpha_mode == "BLEND")
+            return Material(foliage=made.double_sided, double_sided=made.double_sided, alpha_mask=mask)
+        return Material(transparent=made.alpha_mode == "BLEND", double_sided=made.double_sided)
 
 
 def examine(material: M, *, own_alpha: bool, advice: str) -> ExaminedMaterial[M]:

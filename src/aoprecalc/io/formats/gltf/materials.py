@@ -141,6 +141,7 @@ class MaterialReader:
             transparent=mode == "BLEND" or extensions.get(TRANSMISSION, {}).get("transmissionFactor", 0) > 0,
             unlit=all(UNLIT in self._material(each).get("extensions", {}) for each in material_holders(primitive)),
             foliage=mode == "MASK" and bool(material.get("doubleSided")),
+            double_sided=bool(material.get("doubleSided")),
             alpha_mask=self._alpha_mask(primitive, material, vertices) if mode == "MASK" else None,
         )
 

@@ -236,6 +236,7 @@ class _MeshValues:
         )
         both = bool(UsdGeom.Mesh(self.prim).GetDoubleSidedAttr().Get())
         material = self.reader.materials.visibility(look, uvs, len(at.vertices), double_sided=both)
+        material = replace(material, double_sided=both)
         mesh, is_subset = self.prim.GetName(), owner != self.prim
         names = [*str(path).strip("/").split("/"), str(path), source.material, owner.GetName()]
         names += [word for name in self.placed.instancers for word in (name, *name.strip("/").split("/"))]
