@@ -7,12 +7,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
 from aoprecalc.api.bake_scene import bake_report
-from aoprecalc.api.bake_textures import BakedTextures, TextureBake, bake_textures
+from aoprecalc.api.bake_textures import BakedTexture, BakedTextures, bake_textures
+from aoprecalc.api.bent_normals import DIRECTIONAL
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
@@ -26,35 +26,12 @@ from aoprecalc.notebook import figure, image
 from aoprecalc.options import BakeOptions, PreviewOptions, VerifyOptions, names_extensions
 from aoprecalc.options.fields import option_files
 from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
-from aoprecalc.types import Baked, BoolArray, Float32Array, Float64Array, Picture
+from aoprecalc.types import Baked, BoolArray, Float32Array, Picture
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
 
 if TYPE_CHECKING:
     from aoprecalc.api.figures import BakeFigures
-
-
-@dataclass(frozen=True, eq=False)
-class BakedTexture:
-    """One texture of a bake.
-
-    Attributes
-    ----------
-    name : str
-        Of its material or mesh; empty for the only one of a bake.
-    ao, valid : ndarray, (H, W) float32 and bool
-        As in `BakeResult`.
-    faces : ndarray, (F,) bool
-        The faces whose occlusion it holds.
-    uvs : ndarray, (F, 3, 2) float64
-        The UVs of these faces in it, v upwards; (0, 0) elsewhere.
-    """
-
-    name: str
-    ao: Float32Array = field(repr=False)
-    valid: BoolArray = field(repr=False)
-    faces: BoolArray = field(repr=False)
-    uvs: Float64Array = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +52,12 @@ class BakeResult:
     vertex_ao : ndarray, (F, 3) float32, or None
         Ambient occlusion in [0, 1] at the corners of the faces, equal at corners of one position and shading normal:
         the values whose interpolation over the faces is nearest to the texture. None without the option `vertex_ao`.
+    bent_normals : ndarray, (H, W, 3) float32, or None
+        Unit vectors in the coordinates of the mesh: the mean of the visible directions, weighted as in the AO; where
+        nothing is visible, the shading normal. Padded and filled as `ao`. None without the option `bent_normals`.
+    sh : ndarray, (H, W, 4) float32, or None
+        Visibility in spherical harmonics of degree 1: the AO and a vector C. Where the light from each unit vector w is
+        L0 + L1.w, a point gets AO L0 + C.L1 of it. None without the option `bent_normals`.
     textures : tuple of BakedTexture
         Each texture by itself; one, unless the option `textures` asks for several.
     """
@@ -84,6 +67,8 @@ class BakeResult:
     mesh: BakedMesh
     report: BakeReport
     vertex_ao: Float32Array | None = field(repr=False)
+    bent_normals: Float32Array | None = field(repr=False)
+    sh: Float32Array | None = field(repr=False)
     textures: tuple[BakedTexture, ...] = field(repr=False)
     _bake: BakedTextures = field(repr=False)
     _options: BakeOptions = field(repr=False)
@@ -290,14 +275,11 @@ def bake(
     tell(progress, messages)
     ao = baked.texture.values
     textured = BakedMesh.of(mesh, baked, output_uvs(baked.scene, baked.atlas))
-    textures = tuple(map(_as_result, bake.textures))
-    return BakeResult(ao, baked.texture.valid, textured, report, baked.vertex_ao, textures, bake, options)
-
-
-def _as_result(texture: TextureBake) -> BakedTexture:
-    baked, faces = texture.baked, texture.faces
-    uvs = np.where(faces[:, None, None], output_uvs(baked.scene, baked.atlas), 0.0)
-    return BakedTexture(texture.name, baked.texture.values, baked.texture.valid, faces, uvs)
+    bent = sh = None
+    if options.bent_normals:
+        bent, sh = (bake.join([make(each.baked, options) for each in bake.textures]) for make in DIRECTIONAL)
+    textures = tuple(texture.result() for texture in bake.textures)
+    return BakeResult(ao, baked.texture.valid, textured, report, baked.vertex_ao, bent, sh, textures, bake, options)
 
 
 # From file to files, as the command line and the batch do it.

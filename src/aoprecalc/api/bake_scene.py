@@ -137,7 +137,7 @@ def bake_scene(
         )
     with timer.stage("finish"):
         resolved_sides = [
-            resolve_texels(side.texels, side.values, side.measured, side.reconstruction) for side in sides
+            resolve_texels(side.texels, side.values, side.measured, side.reconstruction, side.vectors) for side in sides
         ]
         lighter = reduce(lighter_of_sides, resolved_sides)  # the levels of detail have different texels
         texture = pad_and_fill(lighter, options.padding, options.fill, repeats=atlas.repeats)

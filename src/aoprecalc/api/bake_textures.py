@@ -5,7 +5,7 @@ All parts of the scene occlude in the bake of each texture; only the faces that 
 
 import re
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,29 @@ _MAX_NAME = 60  # characters of the name of a texture
 
 
 @dataclass(frozen=True, eq=False)
+class BakedTexture:
+    """One texture of a bake.
+
+    Attributes
+    ----------
+    name : str
+        Of its material or mesh; empty for the only one of a bake.
+    ao, valid : ndarray, (H, W) float32 and bool
+        As in `BakeResult`.
+    faces : ndarray, (F,) bool
+        The faces whose occlusion it holds.
+    uvs : ndarray, (F, 3, 2) float64
+        The UVs of these faces in it, v upwards; (0, 0) elsewhere.
+    """
+
+    name: str
+    ao: Float32Array = field(repr=False)
+    valid: BoolArray = field(repr=False)
+    faces: BoolArray = field(repr=False)
+    uvs: Float64Array = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
 class TextureBake:
     """The bake of one texture.
 
@@ -43,6 +66,12 @@ class TextureBake:
     def faces(self) -> BoolArray:
         """(f,) bool: the faces whose occlusion it holds."""
         return self.baked.scene.receives
+
+    def result(self) -> BakedTexture:
+        """Return what Python gets of it."""
+        baked, faces = self.baked, self.faces
+        uvs = np.where(faces[:, None, None], output_uvs(baked.scene, baked.atlas), 0.0)
+        return BakedTexture(self.name, baked.texture.values, baked.texture.valid, faces, uvs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +96,7 @@ class BakedTextures:
         return tuple((texture.name, texture.baked) for texture in self.textures)
 
     def join(self, values: Sequence[Float32Array]) -> Float32Array:
-        """Return values of the textures, each (height, width), as one texture for the UVs of `whole`."""
+        """Return values of the textures, each (height, width) or (height, width, channels), as one for `whole`."""
         return values[0] if len(self.textures) == 1 else _stack_of(self.textures, self.owners).join(values)
 
 
@@ -213,7 +242,9 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
     owners = _owners(len(scene.faces), [texture.faces for texture in textures])
     stack, atlases = _stack_of(textures, owners), [baked.atlas for baked in bakes]
     texture = Texture(
-        stack.join([baked.texture.values for baked in bakes]), stack.join([baked.texture.valid for baked in bakes])
+        stack.join([baked.texture.values for baked in bakes]),
+        stack.join([baked.texture.valid for baked in bakes]),
+        stack.join([baked.texture.known for baked in bakes]),
     )
     gutters = [atlas.gutter for atlas in atlases if atlas.gutter is not None]
     uv_sets = {atlas.uv_set for atlas in atlases}

@@ -271,6 +271,9 @@ class BakeOptions(_TextureSize, ValueOptions):
         "Write the AO at the vertices as well: as an attribute (glTF: _AO, PLY: ao), or as color (glTF: COLOR_0).",
         more="It is that whose interpolation over the faces is nearest to the texture, by least squares. PLY has ao "
         "either way; other formats hold neither.")] = "none"
+    bent_normals: Annotated[bool, _output(
+        "Measure bent normals and spherical harmonics as well.",
+        more="Files of a bake that hold them switch it on.", part_of="bent_normals")] = False
     size: InitVar[Annotated[int | tuple[int, int] | Literal["auto"] | None, _texture(
         "Size of the texture in texels: one number for a square, width and height, or auto.", common=True,
         range=(1, _MAX_SIZE), unit="texels", quantity=TEXTURE_SIZE,

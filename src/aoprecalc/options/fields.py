@@ -288,7 +288,7 @@ def documented(kind: OptionsClass) -> OptionsClass:
     """
     lines = ["", "Parameters", "----------"]
     for field in option_fields(kind):
-        parts = [f"`{part.name}`" for part in option_fields(kind) if part.option.part_of == field.name]
+        parts = [f"`{part.name}`" for part in option_fields(kind) if part.option.part_of == field.name != part.name]
         default = " x ".join(parts) or _default_text(field)
         lines.append(f"{field.name} : {_type_text(field)}, default {default}")
         lines += wrap(description(field), 112, initial_indent="    ", subsequent_indent="    ")

@@ -35,21 +35,21 @@ _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 class LeastSquaresImage:
-    """Collects samples at positions in a texture, and fits an image to them.
+    """Collects samples at positions in a texture, and fits an image to each of their channels.
 
-    The normal equations are kept as images: the right-hand side, the diagonal, and one for each of _NEIGHBOURS.
+    The normal equations are kept as images: the right-hand sides, the diagonal, and one for each of _NEIGHBOURS.
     """
 
-    def __init__(self, width: int, height: int, *, repeats: bool) -> None:
+    def __init__(self, width: int, height: int, *, repeats: bool, channels: int = 1) -> None:
         """Start without samples; beyond an edge look-ups repeat if `repeats`, else they are clamped."""
-        self._shape, self._repeats = (height, width), repeats
-        self._rhs: Float32Array = np.zeros(self._shape, np.float32)
+        self._shape, self._repeats, self.channels = (height, width), repeats, channels
+        self._rhs: Float32Array = np.zeros((channels, *self._shape), np.float32)
         self._diagonal: Float32Array = np.zeros(self._shape, np.float32)
         self._off_diagonal = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
         # Samples at one offset of their texels, before they are added: weights, and weights times values.
         self._offset: tuple[float, float] | None = None
-        self._at_offset: tuple[Float32Array, ...] = ()
+        self._at_offset: Float32Array = np.zeros((0, *self._shape), np.float32)
 
     def add_samples(
         self,
@@ -58,11 +58,12 @@ class LeastSquaresImage:
         weights: Float64Array,
         offset: tuple[float, float] | None = None,
     ) -> None:
-        """Add samples: (m, 2) float32 positions in texels (right, down), (m,) values and (m,) weights >= 0.
+        """Add samples: (m, 2) float32 positions in texels (right, down), values and (m,) weights >= 0.
 
+        values   (m, channels), or (m,) where there is one channel
         offset   at which most samples lie in the square of their texel: all of these are added at once, which is faster
         """
-        used = weights > 0
+        values, used = values.reshape(-1, self.channels), weights > 0
         if not used.all():
             positions, values, weights = positions[used], values[used], weights[used]
         self._weight, self._count = self._weight + float(weights.sum()), self._count + len(weights)
@@ -70,10 +71,10 @@ class LeastSquaresImage:
             if offset != self._offset:
                 self._add_pending()
                 self._offset = offset
-                self._at_offset = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
+                self._at_offset = np.zeros((1 + self.channels, *self._shape), np.float32)
             is_at, texel = self._find_at_offset(offset, positions)
-            np.add.at(self._at_offset[0].reshape(-1), texel[is_at], weights[is_at].astype(np.float32))
-            np.add.at(self._at_offset[1].reshape(-1), texel[is_at], (weights * values)[is_at].astype(np.float32))
+            for image, factors in zip(self._at_offset, (1.0, *values.T), strict=True):
+                np.add.at(image.reshape(-1), texel[is_at], (weights * factors)[is_at].astype(np.float32))
             positions, values, weights = positions[~is_at], values[~is_at], weights[~is_at]
         self._add_each(positions, values, weights)
 
@@ -83,7 +84,7 @@ class LeastSquaresImage:
         mask: BoolArray = self._diagonal > 0
         return mask
 
-    def mean_image(self) -> Float32Array:
+    def mean_image(self, channel: int = 0) -> Float32Array:
         """Return the mean of the samples that read each texel, by their tap weights; 0 where none does.
 
         (height, width) float32. Only samples that read the texel count, whatever else lies near it.
@@ -91,9 +92,10 @@ class LeastSquaresImage:
         self._add_pending()
         # The taps of a look-up add up to 1, so this is the sum of weight * tap weight.
         reads = self._multiply(np.ones(self._shape, np.float32), self._diagonal)
-        return np.divide(self._rhs, reads, out=np.zeros_like(reads), where=reads > 0)
+        mean: Float32Array = np.divide(self._rhs[channel], reads, out=np.zeros_like(reads), where=reads > 0)
+        return mean
 
-    def solve(self, initial: Float32Array) -> Float32Array:
+    def solve(self, initial: Float32Array, channel: int = 0) -> Float32Array:
         """Return the (height, width) float32 image nearest to the samples, by conjugate gradients from `initial`.
 
         Texels that no look-up reads keep their initial values, as do all others where all samples agree with these.
@@ -103,7 +105,7 @@ class LeastSquaresImage:
         self._add_pending()
         prior = np.float32(_PRIOR * self._weight / self._count)
         diagonal = self._diagonal + prior
-        residual = self._rhs - self._multiply(initial, self._diagonal)
+        residual = self._rhs[channel] - self._multiply(initial, self._diagonal)
         change = np.zeros_like(initial)
         scaled = residual / diagonal
         direction = scaled.copy()
@@ -139,8 +141,8 @@ class LeastSquaresImage:
         """Add the samples at one offset of texels off the edges: their look-ups share one set of tap weights."""
         if self._offset is None:
             return
-        offset, (weight, weighted) = self._offset, self._at_offset
-        self._offset, self._at_offset = None, ()
+        offset, (weight, *weighted) = self._offset, self._at_offset
+        self._offset, self._at_offset = None, self._at_offset[:0]
         right, down = offset[0] - 0.5, offset[1] - 0.5
         first = math.floor(down), math.floor(right)
         below, along = down - first[0], right - first[1]
@@ -150,7 +152,8 @@ class LeastSquaresImage:
         }
         for (lower, farther), tap in taps.items():
             shift = first[0] + lower, first[1] + farther
-            _add_shifted(self._rhs, shift, tap * weighted)
+            for rhs, image in zip(self._rhs, weighted, strict=True):
+                _add_shifted(rhs, shift, tap * image)
             _add_shifted(self._diagonal, shift, tap * tap * weight)
             for (down_by, right_by), image in self._off_diagonal.items():
                 other = taps.get((lower + down_by, farther + right_by))
@@ -163,7 +166,8 @@ class LeastSquaresImage:
         for (down, right), (index, tap) in taps.items():
             texels, inverse = np.unique(index, return_inverse=True)
             weighted = weights * tap
-            _scatter(self._rhs, texels, inverse, weighted * values)
+            for rhs, channel in zip(self._rhs, values.T, strict=True):
+                _scatter(rhs, texels, inverse, weighted * channel)
             _scatter(self._diagonal, texels, inverse, weighted * tap)
             for (down_by, right_by), image in self._off_diagonal.items():
                 other = taps.get((down + down_by, right + right_by))
@@ -221,53 +225,84 @@ class ResolvedTexture:
     values   (height, width) float32 in [0, 1], 0 where not known
     known    (height, width) bool: texels that the surface covers or that a look-up on it reads
     valid    (height, width) bool: texels that the surface covers and whose value was measured
+    vectors  (height, width, 3) float32: the visibility vectors, 0 where not known; None where they are not wanted
     """
 
     values: Float32Array
     known: BoolArray
     valid: BoolArray
+    vectors: Float32Array | None = None
 
 
 def resolve_texels(
-    texels: Texels, values: Float32Array, measured: BoolArray, reconstruction: LeastSquaresImage
+    texels: Texels,
+    values: Float32Array,
+    measured: BoolArray,
+    reconstruction: LeastSquaresImage,
+    vectors: Float32Array | None = None,
 ) -> ResolvedTexture:
     """Fit the texture to the samples, starting from the mean values of k texels.
 
     values           (k,) float32 in [0, 1], which count where `measured`, (k,) bool
-    reconstruction   holds the samples, as occlusion (1 - AO value)
+    reconstruction   holds the samples, as occlusion (1 - AO value), and their visibility vectors as further channels
+    vectors          (k, 3) float32; None where they are not wanted
     """
-    means: Float32Array = np.zeros((texels.height, texels.width), np.float32)
-    valid: BoolArray = np.zeros(means.shape, bool)
+    shape = texels.height, texels.width
+    valid: BoolArray = np.zeros(shape, bool)
     index = texels.index[measured]
-    means.ravel()[index], valid.ravel()[index] = values[measured], True
+    valid.ravel()[index] = True
     known = valid | reconstruction.sampled_texels()
+
+    def fit(means: Float32Array, channel: int) -> Float32Array:
+        initial = reconstruction.mean_image(channel)
+        initial.ravel()[index] = means[measured]
+        return reconstruction.solve(initial, channel)
+
     # As occlusion, which is exactly 0 on an open surface.
-    initial = np.where(valid, 1 - means, reconstruction.mean_image())
-    fitted = np.clip(1 - reconstruction.solve(initial), 0, 1)
-    return ResolvedTexture(np.where(known, fitted, np.float32(0)), known, valid)
+    fitted = np.where(known, np.clip(1 - fit(1 - values, 0), 0, 1), np.float32(0))
+    if vectors is None:
+        return ResolvedTexture(fitted, known, valid)
+    components = [np.where(known, fit(means, channel), np.float32(0)) for channel, means in enumerate(vectors.T, 1)]
+    return ResolvedTexture(fitted, known, valid, np.stack(components, axis=-1))
 
 
 def lighter_of_sides(front: ResolvedTexture, back: ResolvedTexture) -> ResolvedTexture:
-    """Return the greater value of two sides at every texel."""
-    return ResolvedTexture(np.maximum(front.values, back.values), front.known | back.known, front.valid | back.valid)
+    """Return the greater value of two sides at every texel, with that side's vector."""
+    vectors = front.vectors
+    if front.vectors is not None and back.vectors is not None:
+        lighter = (back.values > front.values) | (back.known & ~front.known)
+        vectors = np.where(lighter[..., None], back.vectors, front.vectors)
+    return ResolvedTexture(
+        np.maximum(front.values, back.values), front.known | back.known, front.valid | back.valid, vectors
+    )
 
 
 def pad_and_fill(resolved: ResolvedTexture, padding: int, fill: Fill, *, repeats: bool = False) -> Texture:
-    """Return the finished texture (Précalcul, section 1.1.3).
+    """Return the finished texture (Précalcul, section 1.1.3), its vectors as they are; see `finish`."""
+    values = finish(resolved.values, resolved.known, resolved.valid, padding, fill, repeats=repeats)
+    return Texture(values, resolved.valid, resolved.known, resolved.vectors)
 
+
+def finish(
+    image: Float32Array, known: BoolArray, valid: BoolArray, padding: int, fill: Fill, *, repeats: bool = False
+) -> Float32Array:
+    """Return an image, of any number of channels, padded and filled.
+
+    known     (height, width) bool: texels that have a value
+    valid     those of which the mean is taken
     padding   texels in the gutter take the value of the nearest known texel at most this far away
     fill      the remaining texels: mean (of the valid ones, as in Précalcul), pushpull or none (0)
     repeats   the texture repeats, so that padding continues across its edges
     """
-    valid = resolved.valid
     if not valid.any():
-        return Texture(resolved.values, valid)
-    padded, known = pad(resolved.values, resolved.known, padding, repeats=repeats)
+        return image
+    padded, filled = pad(image, known, padding, repeats=repeats)
     if fill == "mean":
-        padded[~known] = resolved.values[valid].mean(dtype=np.float64)
+        padded[~filled] = image[valid].mean(axis=0, dtype=np.float64)
     elif fill == "pushpull":
-        padded = push_pull(padded, known)
-    return Texture(padded, valid)
+        channels = [push_pull(channel, filled) for channel in np.moveaxis(np.atleast_3d(padded), -1, 0)]
+        padded = np.stack(channels, axis=-1).reshape(padded.shape)
+    return padded
 
 
 def pad(
@@ -275,6 +310,7 @@ def pad(
 ) -> tuple[Float32Array, BoolArray]:
     """Dilate valid texels by `distance` texels; returns the image and the mask of all texels that now have a value.
 
+    image   (height, width) or (height, width, channels)
     Each new texel copies the nearest valid one, so charts never mix. Texels farther away are 0.
     """
     if not distance:
@@ -282,7 +318,7 @@ def pad(
     height, width = valid.shape
     sides = (min(distance, height), min(distance, width)) if repeats else (0, 0)
     margin = [(side, side) for side in sides]
-    source: Float32Array = np.pad(image, margin, mode="wrap")
+    source: Float32Array = np.pad(image, margin + [(0, 0)] * (image.ndim - 2), mode="wrap")
     mask: BoolArray = np.pad(valid, margin, mode="wrap")
     result, known = np.zeros_like(source), np.zeros_like(mask)
     for start in range(0, len(source), _BAND_ROWS):
@@ -295,7 +331,7 @@ def pad(
         down, right = rows - np.arange(start - low, stop - low)[:, None], columns - np.arange(source.shape[1])
         near = down**2 + right**2 <= distance * distance
         known[start:stop] = near
-        result[start:stop] = np.where(near, source[low:high][rows, columns], 0)
+        result[start:stop][near] = source[low:high][rows[near], columns[near]]
     inner = slice(sides[0], sides[0] + height), slice(sides[1], sides[1] + width)
     return result[inner].copy(), known[inner].copy()
 

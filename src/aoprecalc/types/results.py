@@ -77,10 +77,14 @@ class Texture:
 
     values   (height, width) float32 in [0, 1], 1 is open; row 0 is at v = 1; 0 where not measured, padded or filled
     valid    (height, width) bool: texels that the surface covers and whose value was measured
+    known    (height, width) bool: texels that have a value before padding: those, and what else a look-up there reads
+    vectors  (height, width, 3) float32: the visibility vectors, see `Integrand`, 0 where not known; None unless wanted
     """
 
     values: Float32Array
     valid: BoolArray
+    known: BoolArray
+    vectors: Float32Array | None = None
 
 
 @dataclass(frozen=True)

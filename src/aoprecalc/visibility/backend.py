@@ -25,11 +25,12 @@ class VisibilityTester(Protocol):
     """Tests samples of one surface for visibility, any number of times."""
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return the weights of k samples, summed over both directions of (a, 3) axes, (k, 2) float32.
+        """Return the sums of k samples over both directions of (a, 3) axes, (k, 2) float32, with vectors (k, 5).
 
         The first is the sum of f(n.w) [g.w > 0] visible(w), see `Integrand`: that of Précalcul, equation 1.1.1.1, for
-        f = max(0, n.w); the second is the same without visible(w). Both are 0 where there is no sample. Directions
-        done are counted on `progress`, two for each axis.
+        f = max(0, n.w); the second is the same without visible(w); the last three, where the integrand has vectors,
+        are that of f(n.w) [g.w > 0] visible(w) w. All are 0 where there is no sample. Directions done are counted on
+        `progress`, two for each axis.
         """
         ...
 

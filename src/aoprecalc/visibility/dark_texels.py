@@ -171,6 +171,7 @@ def first_look(
         up="auto",
         ground=False,
         ground_height=None,
+        bent_normals=False,
     )
     if embreex_problem() is None:
         backend = RayBackend(options.threads)

@@ -187,9 +187,13 @@ class ReceiverBuffers:
         maps: DepthMaps,
     ) -> None:
         """Upload the surface, and allocate `count` receivers, which are tested against `maps`."""
-        constants: dict[str, float | str] = {"LOCAL_SIZE": f"{_GATHER_LOCAL_SIZE}u", "NO_FACE": _NO_FACE}
+        constants: dict[str, float | str] = {
+            "LOCAL_SIZE": f"{_GATHER_LOCAL_SIZE}u",
+            "NO_FACE": _NO_FACE,
+            "COLUMNS": f"{integrand.columns}u",
+        }
         each_axis = " ".join(f"addAxis(one, {5 * axis}); addAxis(other, {5 * axis});" for axis in range(maps.capacity))
-        self._context = context
+        self._context, self._columns = context, integrand.columns
         self._receive = compute_program(context, __package__, "receive.comp.glsl", **constants)
         self._gather = compute_program(
             context,
@@ -235,11 +239,11 @@ class ReceiverBuffers:
             self._run(self._gather, store, 2)
 
     def read_sums(self) -> Float32Array:
-        """Return the sums since `place`, (k, 2) float32: weight of visible directions, and of all."""
-        sums = np.empty((self._used, 2), np.float32)
+        """Return the sums since `place`, (k, 2) or (k, 5) float32; see VisibilityTester."""
+        sums = np.empty((self._used, self._columns), np.float32)
         for store in self._stores:
             if self._count(store):
-                stored = np.frombuffer(store.sums.read(), np.float32).reshape(-1, 2)
+                stored = np.frombuffer(store.sums.read(), np.float32).reshape(-1, self._columns)
                 sums[store.texels] = stored[: self._count(store)]
         return sums
 
@@ -258,7 +262,8 @@ class ReceiverBuffers:
 
     def _allocate(self, texels: slice) -> _Store:
         count = texels.stop - texels.start
-        return _Store(texels, *(self._context.buffer(reserve=count * size) for size in (4, 16, 8)))
+        sizes = 4, 16, 4 * self._columns
+        return _Store(texels, *(self._context.buffer(reserve=count * size) for size in sizes))
 
 
 class DepthMapTester:

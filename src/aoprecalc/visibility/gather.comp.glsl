@@ -19,7 +19,8 @@ layout(std140, binding = 0) uniform Axes { vec4 rows[5 * AXES]; };
 layout(std430, binding = 1) readonly buffer Points { uvec4 points[]; };  // bits of the position, packed shading normal
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };    // face under each texel, or NO_FACE
 layout(std430, binding = 3) readonly buffer Normals { float face_normals[]; };
-layout(std430, binding = 4) buffer Sums { vec2 sums[]; };               // visible weight, total weight
+// COLUMNS for each texel: visible weight, total weight; where there are 5, the sum of visible weight times direction.
+layout(std430, binding = 4) buffer Sums { float sums[]; };
 
 layout(r32ui, binding = 0) readonly uniform uimage2D nears;  // on llvmpipe imageLoad is cheaper than texelFetch
 layout(r32ui, binding = 1) readonly uniform uimage2D fars;
@@ -31,6 +32,7 @@ struct Receiver {
     vec4 point;
     vec3 n, g;
     vec2 sum;
+    vec3 vector;
 };
 
 // Adds the visibility of a receiver along one axis, in the one of its two directions that the receiver faces.
@@ -73,19 +75,33 @@ void addAxis(inout Receiver at, int axis) {
     }
 
     hidden = hidden || towards * rows[axis + 3].z > 0.0;
-    at.sum += vec2(hidden ? 0.0 : weight, weight);
+    float visible = hidden ? 0.0 : weight;
+    at.sum += vec2(visible, weight);
+    if (COLUMNS == 5u) at.vector += visible * towards * along.xyz;
 }
 
 Receiver receiver(uint texel) {
     bool has_face = texel < texel_count && faces[texel] != NO_FACE;
-    if (!has_face) return Receiver(vec4(0.0), vec3(0.0), vec3(0.0), vec2(0.0));  // no normals: every weight is 0
-    uint face = 3u * faces[texel];
+    if (!has_face) return Receiver(vec4(0.0), vec3(0.0), vec3(0.0), vec2(0.0), vec3(0.0));  // no normals: no weight
+    uint face = 3u * faces[texel], first = COLUMNS * texel;
     return Receiver(
         vec4(uintBitsToFloat(points[texel].xyz), 1.0),
         unpackUnit(points[texel].w),
         vec3(face_normals[face], face_normals[face + 1u], face_normals[face + 2u]),
-        sums[texel]
+        vec2(sums[first], sums[first + 1u]),
+        COLUMNS == 5u ? vec3(sums[first + 2u], sums[first + 3u], sums[first + 4u]) : vec3(0.0)
     );
+}
+
+void store(Receiver at, uint texel) {
+    if (texel >= texel_count) return;
+    uint first = COLUMNS * texel;
+    sums[first] = at.sum.x;
+    sums[first + 1u] = at.sum.y;
+    if (COLUMNS < 5u) return;
+    sums[first + 2u] = at.vector.x;
+    sums[first + 3u] = at.vector.y;
+    sums[first + 4u] = at.vector.z;
 }
 
 void main() {
@@ -95,6 +111,6 @@ void main() {
     // One axis after the other, so that the sums do not depend on how axes are batched. EACH_AXIS calls addAxis() for
     // every axis of a batch with constants: llvmpipe loads variable indices lane by lane (measured: a fifth of the time).
     EACH_AXIS
-    if (texel < texel_count) sums[texel] = one.sum;
-    if (texel + LOCAL_SIZE < texel_count) sums[texel + LOCAL_SIZE] = other.sum;
+    store(one, texel);
+    store(other, texel + LOCAL_SIZE);
 }

@@ -11,6 +11,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from aoprecalc.mesh.roles import in_poses
+from aoprecalc.mesh.surface import area_vectors, normalize
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
@@ -37,13 +38,18 @@ class SharedInstances:
 
     faces     (t, f) int32: the face that stands for each face on the t-th instance
     swapped   (t, f) bool: whether that face has its second and third corners the other way round
+    parts     (f,) int32: the part of each face
+    turns     (t, p, 3, 3) float32: what turns each part onto the t-th instance, v to v @ turn.T; the identity unless
+              vectors are wanted
     """
 
     faces: Int32Array
     swapped: BoolArray
+    parts: Int32Array
+    turns: Float32Array
 
     @classmethod
-    def from_scene(cls, scene: Scene) -> Self:
+    def from_scene(cls, scene: Scene, *, vectors: bool = False) -> Self:
         """Choose up to MAX_INSTANCES of the instances of each region, at equal intervals if there are more."""
         instances_of_owner: dict[int, list[int]] = {}
         for number, part in enumerate(scene.parts):
@@ -52,27 +58,36 @@ class SharedInstances:
         count = min(max(map(len, instances_of_owner.values()), default=1), MAX_INSTANCES)
         faces = np.tile(np.arange(len(scene.faces), dtype=np.int32), (count, 1))
         swapped = np.zeros(faces.shape, bool)
-        for owner, parts in instances_of_owner.items():
+        parts = np.repeat(np.arange(len(scene.parts), dtype=np.int32), [part.stop - part.start for part in scene.parts])
+        turns = np.tile(np.eye(3, dtype=np.float32), (count, len(scene.parts), 1, 1))
+        for owner, others in instances_of_owner.items():
             own = scene.parts[owner]
-            chosen = [parts[len(parts) * index // count] for index in range(count)] if len(parts) > count else parts
+            chosen = [others[len(others) * index // count] for index in range(count)] if len(others) > count else others
             for index in range(count):
                 other = scene.parts[chosen[index % len(chosen)]]
                 faces[index, own.faces] = np.arange(other.start, other.stop)
                 swapped[index, own.faces] = (own.vertices != other.vertices).any(axis=1)
-        return cls(faces, swapped)
+                if vectors:
+                    corners = scene.corners[own.faces], scene.corners[other.faces]
+                    turns[index, owner] = _turn(*corners, swapped[index, own.faces])
+        return cls(faces, swapped, parts, turns)
 
     def accumulate(
         self, tester: VisibilityTester, samples: Samples, axes: Float64Array, group: int, progress: Progress
     ) -> Float32Array:
         """Return the visibility sums of the samples along the (a, 3) axes of a group; see VisibilityTester."""
         count = len(self.faces)
-        if count == 1:
+        if count == 1:  # the owners alone
             return tester.accumulate(samples, axes, progress)
         # Every n-th lattice point would not be uniform; a golden-ratio sequence gives each instance a uniform subset.
         instance = ((np.arange(len(axes)) * INV_GOLDEN_RATIO + group * INV_GOLDEN_RATIO**2) % 1.0 * count).astype(int)
-        sums = np.zeros((len(samples.faces), 2), np.float32)
+        sums: Float32Array = np.zeros(0, np.float32)
         for index in np.unique(instance).tolist():
-            sums += tester.accumulate(self._on_instance(samples, index), axes[instance == index], progress)
+            added = tester.accumulate(self._on_instance(samples, index), axes[instance == index], progress)
+            if added.shape[1] > 2:  # as the owner sees it
+                turns = self.turns[index, self.parts[samples.faces]]
+                added[:, 2:] = np.einsum("kx,kxy->ky", added[:, 2:], turns)
+            sums = added if not len(sums) else sums + added
         return sums
 
     def _on_instance(self, samples: Samples, index: int) -> Samples:
@@ -92,11 +107,27 @@ def mean_over_poses(sums: Iterable[Float32Array]) -> Float32Array:
     return total / np.float32(count)
 
 
+def _turn(own: Float64Array, other: Float64Array, swapped: BoolArray) -> Float64Array:
+    """Return the rotation or reflection, (3, 3), that comes nearest to what moves the faces of a part to its instance.
+
+    own, other   (n, 3, 3): the corners of both; of faces that are swapped the second and third of the other are so
+    The normals count too: a flat part has no thickness that would tell its sides apart.
+    (P. Schönemann, "A generalized solution of the orthogonal Procrustes problem", 1966.)
+    """
+    normals = [normalize(area_vectors(corners)) for corners in (own, other)]
+    ordered = own, np.where(swapped[:, None, None], other[:, REVERSED_WINDING], other)
+    offsets = [corners.reshape(-1, 3) - corners.mean(axis=(0, 1)) for corners in ordered]
+    first, second = (np.concatenate([to / np.linalg.norm(to), n]) for to, n in zip(offsets, normals, strict=True))
+    after, _, before = np.linalg.svd(second.T @ first)
+    turn: Float64Array = after @ before
+    return turn
+
+
 class VisibilitySource(Protocol):
     """Returns the visibility sums of one side's texels, computed in this process or elsewhere, with equal results."""
 
     def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
-        """Return the sums of a chunk of the side's texels along one group of axes, (k, 2) float32.
+        """Return the sums of a chunk of the side's texels along one group of axes, (k, columns) float32.
 
         samples   of the texels in `chunk`, at the texel offset of the group
         Called for the groups in order, and for each group for the chunks in order. See VisibilityTester.
@@ -115,7 +146,7 @@ class LocalVisibility:
             setup.backend.tester, integrand=setup.integrand, max_samples=chunk_size, shadow_size=shadow_size
         )
         self._only = self._make_tester(side.surface) if len(side.surfaces) == 1 else None
-        self._instances = SharedInstances.from_scene(side.scene)
+        self._instances = SharedInstances.from_scene(side.scene, vectors=setup.integrand.vectors)
         self._setup, self._side, self._progress = setup, side, progress
 
     def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
@@ -159,9 +190,11 @@ class TexelOcclusion:
     texels           k of them
     values           (k,) float32 in [0, 1]: the mean over the part of each texel that the surface covers
     measured         (k,) bool: texels that have a value
-    reconstruction   every sample at its position in the texture, as occlusion (1 - AO value), to fit an image to
+    reconstruction   every sample at its position in the texture, as occlusion (1 - AO value) and, where it is wanted,
+                     visibility vector, to fit an image to
     directions       number of light directions used
     error            the estimated sampling error of `values`, RMS; None where one group of axes was used
+    vectors          (k, 3) float32: the mean visibility vectors; None where they are not wanted
     """
 
     texels: Texels
@@ -170,6 +203,7 @@ class TexelOcclusion:
     reconstruction: LeastSquaresImage
     directions: int
     error: float | None
+    vectors: Float32Array | None
 
 
 def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_size: int) -> TexelOcclusion:
@@ -182,9 +216,10 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     scene, atlas, options, texels = setup.inputs.scene, setup.inputs.atlas, setup.inputs.options, side.texels
     normals = setup.inputs.normals
     integrand = setup.integrand
-    reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats)
+    channels = integrand.columns - 1
+    reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats, channels=channels)
     face_areas = np.mean([area_per_texel(pose, atlas, texels) for pose, _ in in_poses(scene, normals)], axis=0)
-    halves = np.zeros((2, len(texels), 2), np.float32)
+    halves = np.zeros((2, len(texels), integrand.columns), np.float32)
     used = [0, 0]  # directions of each half
     error = None
     for number, group in enumerate(setup.groups):
@@ -196,16 +231,18 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
             for start in range(0, len(sums), FIT_CHUNK):
                 rows = slice(start, start + FIT_CHUNK)
                 part = Samples(samples.faces[rows], samples.weights[rows])
-                values, measured = integrand.estimate(sums[rows], count)
+                values, measured = integrand.estimates(sums[rows], count)
+                values[:, 0] = 1.0 - values[:, 0]
                 # Weight each group as the estimator weights it in the total.
                 total = sums[rows, 1] if integrand.estimator == "ratio" else count
                 weights = np.where(measured, total * face_areas[part.faces], 0.0)
                 positions = texel_positions(atlas, texels, part)
-                reconstruction.add_samples(positions, 1.0 - values, weights, texel_offset(number))
+                reconstruction.add_samples(positions, values, weights, texel_offset(number))
         used[number % 2] += count
         if number % 2 or group is setup.groups[-1]:
             error = sampling_error(halves, used, integrand, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
-    values, measured = integrand.estimate(halves.sum(axis=0), sum(used))
-    return TexelOcclusion(texels, np.clip(values, 0.0, 1.0), measured, reconstruction, sum(used), error)
+    found, measured = integrand.estimates(halves.sum(axis=0), sum(used))
+    values, vectors = np.clip(found[:, 0], 0.0, 1.0), found[:, 1:] if integrand.vectors else None
+    return TexelOcclusion(texels, values, measured, reconstruction, sum(used), error, vectors)

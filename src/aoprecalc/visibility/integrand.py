@@ -8,6 +8,9 @@ With the shading normal n and the geometric normal g of a surface point, over un
     L   the radiance of the sky, as a rule 1
     t   the distance to the nearest occluder along w, and D the maximum distance
     p   what an occluder takes at x = t / D < 1: 1, linear 1 - x, or smooth 1 - 3 x^2 + 2 x^3; 0 from x = 1
+
+The visibility vector C is the same sum with each direction w in its numerator; its direction is the bent normal. Under
+the light L(w) (E0 + E1.w) a point gets exactly AO E0 + C.E1.
 """
 
 from dataclasses import dataclass, replace
@@ -30,6 +33,7 @@ class Integrand:
     min_cosine     of the angle between the shading normal and the directions that count: of half the cone
     max_distance   in the units of the mesh, from which occluders take nothing
     sky            None: uniform
+    vectors        visibility vectors are wanted too
     """
 
     estimator: Estimator = "ratio"
@@ -38,6 +42,7 @@ class Integrand:
     max_distance: float = inf
     falloff: Falloff = "none"
     sky: Sky | None = None
+    vectors: bool = False
 
     @classmethod
     def from_options(cls, options: ValueOptions, scene: Scene) -> Self:
@@ -54,6 +59,11 @@ class Integrand:
     def for_directions(self, directions: Float64Array) -> Self:
         """Return it for the (n, 3) light directions of a bake, uniform on the sphere; see `Sky.averaged`."""
         return self if self.sky is None else replace(self, sky=self.sky.averaged(directions))
+
+    @property
+    def columns(self) -> int:
+        """The number of visibility sums of a sample: two weights, and a vector where it is wanted."""
+        return 5 if self.vectors else 2
 
     @property
     def mean_weight(self) -> float:
@@ -79,17 +89,25 @@ class Integrand:
     def estimate(self, sums: Float32Array, directions: int) -> tuple[Float32Array, BoolArray]:
         """Return the ambient occlusion of texels, (k,) float32 >= 0, and which of them have a value, (k,) bool.
 
-        sums   (k, 2): the weight of the visible directions, and of all directions in front of the surface
+        sums   (k, columns): the weight of the visible directions, and of all directions in front of the surface
         ratio  their quotient: self-normalised, exactly 1 on an open point
         mean   the first over the expected weight, 4/N for the cosine: the Monte Carlo estimate of Précalcul, equation
                1.1.1.1, with directions uniform on the sphere (p.d.f. 1 / (4 pi), section 1.1.1); sampling can make it
                greater than 1
         """
-        visible, total = sums[:, 0], sums[:, 1]
-        measured = total > 0
+        values, measured = self.estimates(sums[:, :2], directions)
+        return values[:, 0], measured
+
+    def estimates(self, sums: Float32Array, directions: int) -> tuple[Float32Array, BoolArray]:
+        """Return the ambient occlusion of texels and, where it is wanted, their visibility vectors, as `estimate` does.
+
+        (k, 1) or (k, 4) float32: the ambient occlusion first
+        """
+        total = sums[:, 1]
+        measured, visible = total > 0, np.delete(sums, 1, axis=1)
         if self.estimator == "mean":
             return visible * np.float32(1 / (self.mean_weight * directions)), measured
-        return np.divide(visible, total, out=np.zeros_like(visible), where=measured), measured
+        return np.divide(visible, total[:, None], out=np.zeros_like(visible), where=measured[:, None]), measured
 
 
 def sampling_error(
@@ -97,7 +115,7 @@ def sampling_error(
 ) -> float | None:
     """Return the expected error of both halves together, RMS over the texels that both measured; None without any.
 
-    halves       (2, k, 2): visibility sums of the halves
+    halves       (2, k, columns): visibility sums of the halves
     directions   how many each has used
     Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
     1 / sqrt(pq) times the error of the whole. But the halves of a uniform set complete each other: its error falls as

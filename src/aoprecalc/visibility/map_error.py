@@ -86,10 +86,11 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
     options, index = setup.inputs.options, found.texels.index
     chosen = np.sort(np.random.default_rng(0).choice(len(index), min(_CHECKED, len(index)), replace=False))
     checked = replace(side, texels=Texels(found.texels.width, found.texels.height, index[chosen]))
+    integrand = replace(setup.integrand, vectors=False)
     instances = SharedInstances.from_scene(side.scene)
 
     def traced(surface: NormalizedSurface) -> Float32Array:
-        tester = RayTester(surface, setup.integrand, options.threads)
+        tester = RayTester(surface, integrand, options.threads)
         sums = np.zeros((len(chosen), 2), np.float32)
         for number, group in enumerate(setup.groups):
             if 2 * group.start < found.directions:
@@ -98,7 +99,7 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
         return sums
 
     sums = mean_over_poses(map(traced, side.surfaces))
-    values, measured = setup.integrand.estimate(sums, found.directions)
+    values, measured = integrand.estimate(sums, found.directions)
     both = measured & found.measured[chosen]
     difference = np.clip(values, 0.0, 1.0)[both] - found.values[chosen][both]
     return float(np.mean(difference**2)) if both.any() else 0.0

@@ -224,7 +224,7 @@ class RayTester:
         with_face = np.flatnonzero(samples.faces >= 0)
         points, normals, geometric = self._surface.interpolate(samples.faces[with_face], samples.weights[with_face])
         origins = (points + RAY_OFFSET * geometric).astype(np.float32)
-        visible, total = np.zeros(len(with_face)), np.zeros(len(with_face))
+        found = np.zeros((len(with_face), self._integrand.columns))
         radiance = np.stack([self._integrand.radiance(sign * axes) for sign in _SIGNS], axis=1).tolist()
         for axis, lights in zip(axes, radiance, strict=True):
             g_dot_axis, n_dot_axis = geometric @ axis, normals @ axis
@@ -232,11 +232,14 @@ class RayTester:
                 weights = light * self._integrand.weights(sign * n_dot_axis)
                 in_front = np.flatnonzero((sign * g_dot_axis > 0) & (weights > 0))
                 taken = self._rays.occlusion(origins[in_front], (sign * axis)[None].astype(np.float32))
-                total[in_front] += weights[in_front]
-                visible[in_front] += weights[in_front] * (1 - taken)
+                visible = weights[in_front] * (1 - taken)
+                found[in_front, 0] += visible
+                found[in_front, 1] += weights[in_front]
+                if self._integrand.vectors:
+                    found[in_front, 2:] += visible[:, None] * (sign * axis)
                 progress.advance()
-        sums = np.zeros((len(samples.faces), 2), np.float32)
-        sums[with_face] = np.column_stack([visible, total])
+        sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
+        sums[with_face] = found
         return sums
 
 

@@ -11,7 +11,7 @@ layout(std430, binding = 3) readonly buffer FaceNormals { float face_normals[]; 
 layout(std430, binding = 4) readonly buffer Faces { uint faces[]; };                // or NO_FACE
 layout(std430, binding = 5) readonly buffer Weights { vec2 weights[]; };            // of the second and third corner
 layout(std430, binding = 6) writeonly buffer Points { uvec4 points[]; };
-layout(std430, binding = 7) writeonly buffer Sums { vec2 sums[]; };
+layout(std430, binding = 7) writeonly buffer Sums { float sums[]; };        // COLUMNS for each
 
 uniform uint texel_count;
 
@@ -27,7 +27,7 @@ vec3 normal(uint corner) {
 void main() {
     uint texel = gl_GlobalInvocationID.x;
     if (texel >= texel_count) return;
-    sums[texel] = vec2(0.0);
+    for (uint column = 0u; column < COLUMNS; column++) sums[COLUMNS * texel + column] = 0.0;
     if (faces[texel] == NO_FACE) return;
 
     uint corner = 3u * faces[texel];

@@ -4,7 +4,7 @@ An axis is a pair of opposite light directions, given by one unit vector.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,7 +145,8 @@ class BakeSetup:
         detail = detail_of(scene)
         self._projection = None if detail is None else Projection(scene, detail, options.threads)
         self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
-        self.integrand = Integrand.from_options(options, scene).for_directions(np.concatenate([self.axes, -self.axes]))
+        integrand = replace(Integrand.from_options(options, scene), vectors=options.bent_normals)
+        self.integrand = integrand.for_directions(np.concatenate([self.axes, -self.axes]))
         self.groups = axis_groups(len(self.axes))
         self.texels = self._rasterizer.coverage()
         passes = baked_apart(scene if detail is None else detail.scene)
