@@ -24,6 +24,7 @@ import trimesh
 from PIL import Image, ImageDraw
 
 import aoprecalc as ao
+from aoprecalc.io.images import write_image
 from aoprecalc.render.comparison import contact_sheet
 from aoprecalc.texture_lookup import bilinear
 
@@ -209,6 +210,25 @@ def backfaces(_: Path) -> Picture:
     results = [baked(mesh, size=512, crease_angle=40, backend="ray", **kind) for kind in kinds]
     cells = [(drawn(result, elevation=12), option_words(kind)) for result, kind in zip(results, kinds, strict=True)]
     return contact_sheet(cells, 2)
+
+
+def surroundings(folder: Path) -> Picture:
+    """The statue alone, in front of a wall, and under two skies."""
+    wall = trimesh.creation.box((3, 3, 0.1), trimesh.transformations.translation_matrix((0, 1.2, -0.6)))
+    wall.export(folder / "wall.ply")
+    side = np.tile(np.where(np.arange(64) < 32, 1.0, 0.05), (32, 1))[..., None]  # light from -Z
+    write_image(folder / "side.exr", side.astype(np.float32))
+    kinds: list[dict] = [
+        {},
+        {"occluder": "wall.ply"},
+        {"sky": "overcast"},
+        {"sky": "side.exr"},
+    ]
+    with contextlib.chdir(folder):
+        results = [baked("statue.obj", size=512, **kind) for kind in kinds]
+    named = [option_words(kind) or "default" for kind in kinds]
+    views = [drawn(result, (260, 340)) for result in results]
+    return contact_sheet(list(zip(views, named, strict=True)), 4)
 
 
 def vertex_values(_: Path) -> Picture:
@@ -410,8 +430,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, ground_height, backfaces, vertex_values, sides, borders, figures, sphere_figures,
-            three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, ground_height, backfaces, surroundings, vertex_values, sides, borders, figures,
+            sphere_figures, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:
