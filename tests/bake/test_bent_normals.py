@@ -10,6 +10,8 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.bent_normals import bent_normals, encoded, spherical_harmonics, texel_normals
 from aoprecalc.options import BakeOptions
 from aoprecalc.types import REVERSED_WINDING
+from aoprecalc.visibility.directions import light_axes
+from aoprecalc.visibility.integrand import Integrand
 from shapes import ball, box, join, quad, quad_uvs, rotation, scene, scene_of_parts, spun, triangle_a_cell
 
 BACKENDS = ["gl", "ray"]
@@ -128,6 +130,29 @@ def test_the_ao_is_that_without_them(backend):
     options = BakeOptions(size=64, directions=200, backend=backend)
     with_them = bake_scene(made, ao.BakeOptions(size=64, directions=200, backend=backend, bent_normals=True))
     assert (bake_scene(made, options).texture.values == with_them.texture.values).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_below_the_ground_they_are_the_shading_normals(backend):
+    wall = scene(*quad((0, -1, 0), (0, 2, 0), (0, 0, 2)), quad_uvs((0, 0), (1, 1)))
+    bent, sh, _ = baked(wall, ground=True, up="z", ground_height=1, backend=backend)
+    assert np.abs(sh[36:]).max() < 0.01
+    assert degrees(bent, (1, 0, 0))[36:].max() < 0.1
+    assert degrees(bent, np.array([np.pi / 2, 0, 1]) / np.hypot(np.pi / 2, 1))[:28].max() < 2
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_they_lean_to_the_light_of_an_overcast_sky(backend):
+    """Of an upright wall: the sum over all directions of f L w."""
+    wall = scene(*quad((0, -1, 0), (0, 2, 0), (0, 0, 2)), quad_uvs((0, 0), (1, 1)))
+    _, sh, found = baked(wall, sky="overcast", up="z", backend=backend)
+    axes = light_axes(200_000)
+    light = np.concatenate([axes, -axes])
+    weights = Integrand.from_options(found.options, found.scene).radiance(light) * np.maximum(light[:, 0], 0)
+    assert (sh[..., 0] == 1).all()
+    expected = (weights[:, None] * light).sum(axis=0) / weights.sum()
+    assert sh[8:-8, 8:-8, 1:] == pytest.approx(np.broadcast_to(expected, (48, 48, 3)), abs=0.01)
+    assert expected[2] > 0.05
 
 
 def test_occluders_beyond_the_maximum_distance_do_not_bend():

@@ -298,7 +298,8 @@ class DepthMapTester:
             progress.advance(2 * len(batch.rows))
         sums = self._receivers.read_sums()
         if self._surface.buried:
-            sums[self._surface.is_under_ground(self._surface.points(samples.faces, samples.weights)), 0] = 0
+            under = self._surface.is_under_ground(self._surface.points(samples.faces, samples.weights))
+            sums[np.ix_(under, np.arange(sums.shape[1]) != 1)] = 0  # all but the weight of all directions
         return sums
 
 
