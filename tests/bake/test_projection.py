@@ -16,10 +16,10 @@ from aoprecalc.visibility.projection import Projection
 from shapes import ball, box, join, quad, scene, scene_of_parts
 
 
-def bumpy(height, cells=32, z=0.0):
+def bumpy(height, cells=32, frequency=8):
     """The unit square with waves of a height."""
-    positions, faces = quad((0, 0, z), (1, 0, 0), (0, 1, 0), cells)
-    waves = np.sin(9 * positions[:, 0]) * np.cos(7 * positions[:, 1])
+    positions, faces = quad((0, 0, 0), (1, 0, 0), (0, 1, 0), cells)
+    waves = np.sin(frequency * positions[:, 0]) * np.cos(0.9 * frequency * positions[:, 1])
     return positions + np.multiply.outer(height * waves, (0, 0, 1)), faces
 
 

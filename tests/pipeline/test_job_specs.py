@@ -29,6 +29,8 @@ WRITTEN = {
     "occluder": {"wall.obj": ("wall.obj",)},
     "sky": {"overcast": "overcast", "sky.hdr": "sky.hdr"},
     "pose": {"walk@0.5": ("walk@0.5",)},
+    "high": {"wall.obj": ("wall.obj",)},
+    "cage": {"auto": "auto", "2%": "2%", "0.5": 0.5, 0.5: 0.5, "cage.obj": "cage.obj"},
     "bit_depth": {"16": "16", 16: "16"},
 }
 NUMBERS = {

@@ -169,6 +169,7 @@ OTHER = {
         "bent_normals": True,
         "sky": "overcast",
         "textures": "mesh", "pose": ("walk@0.5",),
+        "high": ("rock_high.obj",), "cage": "2%", "match": "nothing",
     },
     SphereOptions: {
         "spheres": 8, "samples": 500, "seed": 1, "radius": "cover", "init": "kmeans++", "max_iterations": 5,

@@ -1,5 +1,6 @@
 """Bake ambient occlusion: from a mesh to its texture in memory, and from a mesh file to files."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,6 +14,7 @@ from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
 from aoprecalc.api.bake_scene import bake_report
 from aoprecalc.api.bake_textures import BakedTexture, BakedTextures, bake_textures
 from aoprecalc.api.bent_normals import DIRECTIONAL
+from aoprecalc.api.high_to_low import detailed_meshes, names_of
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
@@ -216,7 +218,12 @@ class BakeResult:
 
 
 def bake(
-    mesh: MeshLike, options: BakeOptions | None = None, *, verify: bool = False, progress: Progress | None = None
+    mesh: MeshLike,
+    options: BakeOptions | None = None,
+    *,
+    high: Sequence[MeshLike] = (),
+    verify: bool = False,
+    progress: Progress | None = None,
 ) -> BakeResult:
     """Bake the ambient occlusion of a mesh into a texture, in memory.
 
@@ -229,6 +236,8 @@ def bake(
         A mesh, or the path of a mesh file.
     options : BakeOptions, optional
         Size of the texture, number of directions and so on.
+    high : sequence of Mesh, str, path-like or trimesh.Trimesh
+        Detailed meshes whose ambient occlusion goes into the texture, as from the files of `BakeOptions.high`.
     verify : bool
         Measure the texture against ray tracing, for the report.
     progress : Progress, optional
@@ -266,8 +275,9 @@ def bake(
     if verify:
         require_embreex()
     with timer.stage("load"):
-        mesh = as_mesh(mesh)
-    bake = bake_textures(mesh._scene, options, progress, timer)
+        mesh, details = as_mesh(mesh), detailed_meshes(high, options)
+    options = replace(options, high=names_of(details)) if details else options
+    bake = bake_textures(mesh._scene, options, progress, timer, high=details)
     baked = bake.whole
     errors = _measure(baked, baked.texture.values, options, progress, timer) if verify else None
     messages = (*_messages(baked), *(_notes_on_shared_uvs(baked) if verify else ()))

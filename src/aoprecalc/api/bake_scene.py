@@ -9,6 +9,7 @@ import numpy as np
 
 from aoprecalc.api.bake_messages import describe_uvs, ground_alone, messages_on
 from aoprecalc.api.documents import RayTracedErrors
+from aoprecalc.api.high_to_low import high_to_low, messages_on_misses, missed_texels, with_detail
 from aoprecalc.api.mesh import with_poses
 from aoprecalc.api.reports import (
     BakeOutputs,
@@ -30,6 +31,7 @@ from aoprecalc.api.surroundings import with_surroundings
 from aoprecalc.api.texture_size import choose_texture, resolution_target
 from aoprecalc.api.vertex_ao import VertexErrors, fit_to_texture, vertex_errors
 from aoprecalc.errors import InputError, UsageError, counted
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.roles import assign_roles, in_poses, up_axis
 from aoprecalc.mesh.surface import default_crease_angle, shading_normals
 from aoprecalc.mesh.topology import topology
@@ -39,7 +41,7 @@ from aoprecalc.metrics.resolution import POINTS
 from aoprecalc.options import BakeOptions, ValueOptions
 from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
-from aoprecalc.raster.resolve import lighter_of_sides, pad_and_fill, resolve_texels
+from aoprecalc.raster.resolve import fill_missed, lighter_of_sides, pad_and_fill, resolve_texels
 from aoprecalc.types import Baked, DarkTexels, Float32Array, Part, Scene, UvCheck
 from aoprecalc.uv.checks import TexelDensity, needs_uvs, surface_share
 from aoprecalc.uv.pack import first_unsafe_mip
@@ -63,10 +65,13 @@ class OpenedBake:
     normals: Float32Array
 
 
-def prepare_scene(scene: Scene, options: BakeOptions) -> tuple[Scene, Float32Array]:
-    """Return a scene with its roles, what surrounds it and its poses; and its shading normals, (f, 3, 3) float32."""
+def prepare_scene(scene: Scene, options: BakeOptions, high: Sequence[Scene] = ()) -> tuple[Scene, Float32Array]:
+    """Return a scene with its roles, what surrounds it, its poses and details; and its normals, (f, 3, 3) float32.
+
+    high   detailed meshes in memory, in place of the files that `options` name
+    """
     scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
-    scene = with_poses(scene, options)
+    scene = with_detail(with_poses(scene, options), options, options.threads, high)
     return scene, shading_normals(scene, options.normals, options.crease_angle)
 
 
@@ -101,16 +106,16 @@ def bake_scene(
             options, atlas = chosen.options, chosen.atlas
         progress.note(describe_uvs(atlas, options.padding))
         setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
-        texels = setup.texels
+        texels, detail = setup.texels, detail_of(scene)
         size = f"{options.width} x {options.height}"
         if not len(texels):
             advice = "use a larger --size" if options.texel_density is None else "use a greater --texel-density"
             raise InputError(f"{scene.path}: its surface covers none of {size} texels; {advice}")
         overlap = setup.overlap()
         shadow_size = options.shadow_size or max(
-            auto_shadow_size(posed, atlas, len(texels), options.directions)
+            auto_shadow_size(posed, atlas, len(texels), options.directions, None if detail is None else side.scene)
             for side in setup.sides
-            for posed, _ in in_poses(side.scene, normals)
+            for posed, _ in in_poses(setup.textured(side), normals)
         )
         chunk_size = texels_per_chunk(
             options.memory_limit,
@@ -129,6 +134,8 @@ def bake_scene(
             ]
         dark = dark_texels(setup, sides) if any(side.measured.any() for side in sides) else DarkTexels(0.0)
         maps = map_error(setup, sides, shadow_size) if backend.kind == "gl" else None
+        missed = texels.select(slice(0, 0)) if detail is None else missed_texels(texels, sides)
+        misses = messages_on_misses(setup, missed)
         backend.check_errors()
     if not any(side.measured.any() for side in sides):
         raise UsageError(
@@ -139,7 +146,7 @@ def bake_scene(
         resolved_sides = [
             resolve_texels(side.texels, side.values, side.measured, side.reconstruction, side.vectors) for side in sides
         ]
-        lighter = reduce(lighter_of_sides, resolved_sides)  # the levels of detail have different texels
+        lighter = fill_missed(reduce(lighter_of_sides, resolved_sides), missed)  # of levels of detail, too
         texture = pad_and_fill(lighter, options.padding, options.fill, repeats=atlas.repeats)
     baked = Baked(
         scene=scene,
@@ -154,12 +161,13 @@ def bake_scene(
         shadow_size=shadow_size if backend.kind == "gl" else None,
         size_estimates=chosen.estimates,
         options=_value_options(scene, options),
+        missed=len(missed),
     )
     if options.vertex_ao != "none":
         with timer.stage("vertices"):
             baked = replace(baked, vertex_ao=fit_to_texture(baked))
     coarse = [] if maps is None else [maps.warning(shadow_size)]
-    messages = [*chosen.warnings, *filter(None, coarse), *messages_on(baked, options, overlap)]
+    messages = [*chosen.warnings, *filter(None, coarse), *misses, *messages_on(baked, options, overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
 
 
@@ -236,6 +244,7 @@ def bake_report(
         textures=of_each,
         verify=None if verified is None else RayTracedErrors.of(verified),
         vertex_ao=_vertex_fit(vertex_errors(baked, verified)),
+        high_to_low=high_to_low(scene, baked.missed, whole.texels.valid + baked.missed),
         seconds=seconds,
         warnings=warnings_of(messages),
         notes=notes_of(messages),

@@ -106,11 +106,15 @@ def bake_textures(
     progress: Progress | None = None,
     timer: StageTimer | None = None,
     make_visibility: VisibilityFactory = LocalVisibility,
+    high: Sequence[Scene] = (),
 ) -> BakedTextures:
-    """Bake the textures of a scene that the options ask for; raises what `bake_scene` raises."""
+    """Bake the textures of a scene that the options ask for; raises what `prepare_scene` and `bake_scene` raise.
+
+    high   see `prepare_scene`
+    """
     progress = progress or Progress()
     timer = timer or StageTimer(progress)
-    prepared, normals = prepare_scene(scene, options)
+    prepared, normals = prepare_scene(scene, options, high)
     groups = divide(prepared, options)
     with open_backend(options, progress) as backend:
         opened = OpenedBake(backend, normals)
@@ -266,6 +270,7 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
         directions=max(baked.directions for baked in bakes),
         sampling_error=max(errors, default=None),
         dark=_dark_of_all(bakes),
+        missed=sum(baked.missed for baked in bakes),
         shadow_size=max(sizes, default=None),
         size_estimates=(),
         warnings=_told([(texture.name, texture.baked.warnings) for texture in textures]),

@@ -229,6 +229,7 @@ class BakedMesh(Mesh):
             warnings=(),
             notes=(),
             ground_normal=None,
+            detail=None,
             ground_height=None,
         )
         return cls._of(own, mesh.vertices, mesh.faces, mesh.name, baked.texture.values, baked.options)

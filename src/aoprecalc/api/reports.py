@@ -6,6 +6,7 @@ Numbers are rounded as the documents show them.
 from dataclasses import dataclass, field
 
 from aoprecalc.api.documents import OMIT_NONE, Document, RayTracedErrors, Report
+from aoprecalc.api.high_to_low import HighToLow
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import ValueOptions
 
@@ -269,6 +270,8 @@ class BakeReport(Document):
         Each texture by itself.
     verify : RayTracedErrors or None
     vertex_ao : VertexFit or None
+    high_to_low : HighToLow or None
+        The detailed surface that was measured in place of the mesh's own, if any.
     seconds : dict of str to float
         Per stage (load, unwrap, visibility, finish, vertices, write, verify), and ``"total"``.
     warnings : tuple of str
@@ -297,6 +300,7 @@ class BakeReport(Document):
     textures: tuple[TextureReport, ...]
     verify: RayTracedErrors | None
     vertex_ao: VertexFit | None
+    high_to_low: HighToLow | None
     seconds: dict[str, float]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]

@@ -41,7 +41,7 @@ def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
         other = load_scene(path)
         found = _occluding_triangles(other, options)
         triangles.append(found)
-        warnings += [*other.warnings, *_differences(scene, other)]
+        warnings += [*other.warnings, *differences(scene, other)]
         notes += [*other.notes, Note(f"{other.path.name}: occludes with {counted(len(found), 'triangle')}")]
     return replace(
         scene,
@@ -81,7 +81,7 @@ def _occluding_triangles(scene: Scene, options: ValueOptions) -> Float64Array:
     return opaque_triangles(replace(scene, parts=tuple(parts)))
 
 
-def _differences(scene: Scene, other: Scene) -> Iterator[str]:
+def differences(scene: Scene, other: Scene) -> Iterator[str]:
     """Yield warnings about units and axes that differ: numbers are taken as they are."""
     for what, own, its in (("up axis", scene.up, other.up), ("unit in metres", scene.unit, other.unit)):
         if own is not None and its is not None and own != its:

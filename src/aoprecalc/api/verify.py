@@ -1,6 +1,7 @@
 """Verify: the error of an ambient-occlusion texture against ray tracing, as a renderer would show it."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -9,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.documents import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
+from aoprecalc.api.high_to_low import detailed_meshes, messages_on_missed_points, names_of, with_detail
 from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default, with_poses
 from aoprecalc.api.surroundings import files_beside, with_surroundings
 from aoprecalc.api.textured_surface import TexturedSurface, find_texture
-from aoprecalc.errors import UsageError, counted, one_or_many
+from aoprecalc.errors import InputError, UsageError, counted, one_or_many
 from aoprecalc.io import (
     IMAGE_EXTENSIONS,
     Outputs,
@@ -25,6 +27,7 @@ from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, sample_surface, shading_normals
 from aoprecalc.metrics.errors import (
+    MeasuredSurface,
     TextureErrors,
     errors_per_mip_level,
     reference_ao,
@@ -134,6 +137,7 @@ def verify(
     texture: str | PathLike[str] | ArrayLike | None = None,
     options: VerifyOptions | None = None,
     *,
+    high: Sequence[MeshLike] = (),
     heat_map: str | PathLike[str] | None = None,
     report: str | PathLike[str] | None = None,
     progress: Progress | None = None,
@@ -153,6 +157,8 @@ def verify(
     options : VerifyOptions, optional
         Number of points and rays, the greatest error that passes, and so on. What is not given of the options that
         define the value is as in the bake, if the texture or the glTF file around it says so.
+    high : sequence of Mesh, str, path-like or trimesh.Trimesh
+        Detailed meshes of whose ambient occlusion the texture is, as from the files of `VerifyOptions.high`.
     heat_map : str or path-like, optional
         A picture file (or a folder) for the errors in texture space: blue is too dark, red too bright.
     report : str or path-like, optional
@@ -190,16 +196,17 @@ def verify(
     with Outputs() as outputs:
         with timer.stage("load"):
             _require_no_picture(mesh)
-            mesh = as_mesh(mesh)
+            mesh, details = as_mesh(mesh), detailed_meshes(high, options)
+            options = replace(options, high=names_of(details)) if details else options
             surface = TexturedSurface.of(mesh._scene, find_texture(mesh, texture, options), options)
         picture = surface.picture
         outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
         for key, path in paths.items():
             claim_output(outputs, wanted[key][0], path)
-        value = files_beside(surface.options, surface.scene, picture.name)
+        value = surface.options if details else files_beside(surface.options, surface.scene, picture.name)
         outputs.protect(map(Path, option_files(value)))
         surface = replace(surface, scene=with_poses(surface.scene, value))
-        scene = with_surroundings(surface.scene, value)
+        scene = with_detail(with_surroundings(surface.scene, value), value, options.threads, details)
         normals = shading_normals(surface.scene, surface.options.normals, surface.options.crease_angle)
         with timer.stage("rays", options.points, "points"):
             verified = measure_texture(
@@ -214,7 +221,7 @@ def verify(
         if "heat_map" in paths:
             with timer.stage("heat map"):
                 _write_heat_map(outputs.path(paths["heat_map"]), surface, verified)
-        messages = _messages(surface, options)
+        messages = [*_messages(replace(surface, scene=scene), options), *messages_on_missed_points(verified)]
         document = replace(
             _report(surface, verified, options),
             outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),
@@ -246,9 +253,14 @@ def measure_texture(
     value     what the texture should hold
     Raises RendererError where rays cannot be cast.
     """
-    points = sample_surface(scene, atlas.mapped, options.points, options.seed)
+    drawn = sample_surface(scene, atlas.mapped, options.points, options.seed)
     integrand = Integrand.from_options(value, scene)
-    expected = reference_ao(scene, normals, points, options, progress, integrand)
+    surface = MeasuredSurface(scene, normals, options.threads)
+    hit, on_surface = surface.points(drawn)
+    if not hit.any():
+        raise InputError(f"{scene.path}: none of its points are on the detailed surface; use a greater --cage")
+    points = drawn.select(hit)
+    expected = reference_ao(surface.scene, surface.normals, on_surface, options, progress, integrand)
     uvs, positions = points.interpolate(atlas.uvs), points.interpolate(scene.corners)
     values = bilinear(texture, uvs, repeats=atlas.repeats)
     diagonal = float(np.linalg.norm(np.ptp(scene.positions, axis=0)))
@@ -259,6 +271,7 @@ def measure_texture(
         uvs=uvs,
         errors=values - expected,
         reference=expected,
+        hit=hit,
     )
 
 

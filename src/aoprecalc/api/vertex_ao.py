@@ -68,11 +68,14 @@ def vertex_errors(baked: Baked, verified: TextureErrors | None) -> VertexErrors 
         return None
     scene, how = baked.scene, VerifyOptions()
     points = sample_surface(scene, baked.atlas.mapped, how.points, how.seed)
+    traced = None
+    if verified is not None:
+        traced = interpolation_error(baked.vertex_ao, points.select(verified.hit), verified.reference)
     vertices = len(np.unique(vertex_groups(scene, baked.normals)[_own_values(scene)]))
     return VertexErrors(
         vertices,
         interpolation_error(baked.vertex_ao, points, _texture_at(baked, points)),
-        None if verified is None else interpolation_error(baked.vertex_ao, points, verified.reference),
+        traced,
     )
 
 

@@ -11,8 +11,8 @@ from aoprecalc.options import with_extensions
 
 # Headings of options in help texts, in their order; what has none of them comes last.
 GROUPS = (
-    "Output", "Picture", "Texture", "Spheres", "Samples", "Visibility", "Mesh", "Scene", "Measurement", "Cache",
-    "Cluster", "Run",
+    "Output", "Picture", "Texture", "Spheres", "Samples", "Visibility", "Mesh", "Scene", "High to low", "Measurement",
+    "Cache", "Cluster", "Run",
 )  # fmt: skip
 
 

@@ -128,11 +128,12 @@ class Matches:
     """Which parts of the high mesh belong to which of the low one.
 
     partners         for each part of the low mesh the parts of the high one that it may meet
-    by_name          some names match, so that parts meet their partners only
+    wanted           names were compared; by_name: some match, so that parts meet their partners only
     low, high        names of the parts, of either, that have no partner where names match
     """
 
     partners: tuple[tuple[int, ...], ...]
+    wanted: bool
     by_name: bool
     low: tuple[str, ...] = ()
     high: tuple[str, ...] = ()
@@ -148,7 +149,7 @@ def match_parts(low: Sequence[Part], high: Sequence[Part], *, by_name: bool) -> 
     """
     everything = tuple(range(len(high)))
     if not by_name:
-        return Matches((everything,) * len(low), by_name=False)
+        return Matches((everything,) * len(low), wanted=False, by_name=False)
     low_names, high_names = (
         [_Names.of(part, words) for part in parts] for parts, words in ((low, _LOW), (high, _HIGH))
     )
@@ -158,10 +159,11 @@ def match_parts(low: Sequence[Part], high: Sequence[Part], *, by_name: bool) -> 
     )
     partners = [tuple(index for index in everything if keys & high_keys[index]) for keys in low_keys]
     if not any(partners):
-        return Matches((everything,) * len(low), by_name=False)
+        return Matches((everything,) * len(low), wanted=True, by_name=False)
     found = {index for of_one in partners for index in of_one}
     return Matches(
         tuple(of_one or everything for of_one in partners),
+        wanted=True,
         by_name=True,
         low=tuple(part.name for part, of_one in zip(low, partners, strict=True) if part.receives and not of_one),
         high=tuple(high[index].name for index in everything if index not in found),

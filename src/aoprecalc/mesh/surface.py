@@ -219,6 +219,10 @@ class SurfacePoints:
     def __len__(self) -> int:
         return len(self.faces)
 
+    def select(self, chosen: BoolArray) -> "SurfacePoints":
+        """Return those of a mask, (k,) bool."""
+        return SurfacePoints(self.faces[chosen], self.weights[chosen])
+
     def interpolate(self, corners: NDArray[np.floating]) -> Float64Array:
         """Interpolate values at the corners of all faces, (f, 3, c), to the points, (k, c) float64."""
         values: Float64Array = np.einsum("kc,kcx->kx", self.weights, corners[self.faces].astype(np.float64))

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.roles import baked_apart, in_poses
 from aoprecalc.mesh.surface import SurfacePoints
@@ -15,6 +16,7 @@ from aoprecalc.texture_lookup import bilinear, mip_chain
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
 from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.projection import Projection
 from aoprecalc.visibility.rays import RAY_OFFSET, RayOcclusion
 from aoprecalc.visibility.sky import ImageSky
 
@@ -72,6 +74,7 @@ class TextureErrors:
     uvs      (k, 2) float64: of the points, v upwards
     errors   (k,) float64: texture - reference at the points, at full resolution
     reference   (k,) float64: ambient occlusion at the points, by rays
+    hit      (n,) bool: which of the points that were drawn these are: those on the detailed surface, if there is one
     """
 
     levels: tuple[ErrorStatistics, ...]
@@ -80,6 +83,7 @@ class TextureErrors:
     uvs: Float64Array
     errors: Float64Array
     reference: Float64Array
+    hit: BoolArray
 
     @property
     def points(self) -> int:
@@ -183,6 +187,26 @@ def seam_difference(scene: Scene, texture: Float32Array, uvs: Float64Array, mapp
 
 
 # The reference, by ray tracing.
+
+
+class MeasuredSurface:
+    """The surface whose ambient occlusion a texture holds: that of its scene, or the detailed one in its place.
+
+    scene     with the roles of its parts
+    normals   (f, 3, 3) float32: the shading normals at the corners
+    """
+
+    def __init__(self, scene: Scene, normals: Float32Array, threads: int) -> None:
+        """Take the scene of a texture and its shading normals; raises RendererError where rays cannot be cast."""
+        detail = detail_of(scene)
+        self.scene, self.normals = (scene, normals) if detail is None else (detail.scene, detail.normals)
+        self._projection = None if detail is None else Projection(scene, detail, threads)
+
+    def points(self, points: SurfacePoints) -> tuple[BoolArray, SurfacePoints]:
+        """Return which of k points of the scene are on this surface, (k,) bool, and their points on it."""
+        if self._projection is None:
+            return np.ones(len(points), bool), points
+        return self._projection.points(points)
 
 
 class Rays(Protocol):

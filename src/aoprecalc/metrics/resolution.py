@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.mesh.surface import SurfacePoints, sample_surface
-from aoprecalc.metrics.errors import RayCount, reference_ao
+from aoprecalc.metrics.errors import MeasuredSurface, RayCount, reference_ao
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Layout, area_per_texel, build_layout, clamp_barycentric
 from aoprecalc.raster.resolve import LeastSquaresImage, pad, resolve_texels
@@ -50,14 +50,23 @@ def resolution_error(
     """
     points = sample_surface(scene, atlas.mapped, POINTS, seed=0)
     tiles = _Tiles.around(scene, atlas, points, size, threads)
-    products = np.ones(POINTS)
+    products, surface = np.ones(POINTS), MeasuredSurface(scene, normals, threads)
     for half in range(2):
         values, expected = (
-            reference_ao(scene, normals, of, RayCount(rays, 2 * half + number, threads), Progress(), integrand)
+            _measured(surface, of, RayCount(rays, 2 * half + number, threads), integrand)
             for number, (of, rays) in enumerate(((tiles.samples, _RAYS), (points, _REFERENCE_RAYS)))
         )
         products *= tiles.looked_up(values) - expected
     return math.sqrt(max(float(products.mean()), 0.0) + float(products.std()) / math.sqrt(POINTS))
+
+
+def _measured(surface: MeasuredSurface, points: SurfacePoints, rays: RayCount, integrand: Integrand) -> Float64Array:
+    """Return the ambient occlusion at points, (k,); those that are not on the detailed surface have the mean."""
+    hit, on_surface = surface.points(points)
+    found = reference_ao(surface.scene, surface.normals, on_surface, rays, Progress(), integrand)
+    values = np.full(len(points), found.mean() if len(found) else 1.0)
+    values[hit] = found
+    return values
 
 
 @dataclass(frozen=True, eq=False)

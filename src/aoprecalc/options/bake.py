@@ -24,6 +24,7 @@ Backfaces = Literal["occlude", "ignore"]
 Up = Literal["auto", "x", "y", "z"]
 Falloff = Literal["none", "linear", "smooth"]
 Weight = Literal["cosine", "uniform"]
+Match = Literal["name", "nothing"]
 Distance = float | str  # in the units of the mesh, or such as "10%"
 
 # Above this many triangles `unwrap="auto"` prefers uvunwrap, 10 to 40 times faster than xatlas on large surfaces.
@@ -37,6 +38,7 @@ _mesh = partial(Option, group="Mesh")
 _run = partial(Option, group="Run")
 _scene = partial(Option, group="Scene")
 _texture = partial(Option, group="Texture")
+_detail = partial(Option, group="High to low")
 _measurement = partial(Option, group="Measurement")
 _output = partial(Option, group="Output")
 
@@ -71,6 +73,19 @@ OccluderField = Annotated[tuple[str, ...], _scene(
     "A mesh file that occludes and is not baked: the surroundings, where the mesh will stand.", path=True,
     more="It is placed as its own file says, in the units and axes of the mesh.")]
 OccludersOnlyField = Annotated[tuple[str, ...], _scene("Parts that occlude but are not baked.", more=_NAMES)]
+HighField = Annotated[tuple[str, ...], _detail(
+    "A mesh file with the details: its ambient occlusion goes into the texture of the mesh, which is simpler.",
+    path=True,
+    more="Rays from the cage find the points of it that belong to the texels. It alone occludes.")]
+CageField = Annotated[Distance, _detail(
+    "Where these rays begin: at a length, or a share of the diagonal such as 2%, from the mesh; a file; or auto.",
+    path=True, metavar="auto|X|FILE", keywords=("auto",),
+    more="They end as far behind the mesh. A file has the faces of the mesh, around it. auto finds for each vertex a "
+    "distance that reaches what belongs there, and nothing else.")]
+MatchField = Annotated[Match, _detail(
+    "Parts get the details of parts of the same name (wheel_low, wheel_high), or of all (nothing).",
+    more="A name ends in, or begins with, low, lo or lp, and high, hi or hp, in any case; or has none of them. Where "
+    "no names match, every part gets the details of all.")]
 GlassOccludesField = Annotated[bool, _scene(
     "Transparent materials occlude too.",
     more="Without it they are baked, but light passes through them (glTF: BLEND, transmission).")]
@@ -163,6 +178,9 @@ class ValueOptions(LightOptions):
         "Bake each instance of a mesh into texels of its own, or let them share texels.",
         more="Shared texels hold the mean of the instances' values.")] = "bake"
     pose: PoseField = ()
+    high: HighField = ()
+    cage: CageField = "auto"
+    match: MatchField = "name"
 
     def __post_init__(self) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
@@ -322,6 +340,9 @@ class VerifyOptions(Validated):
     normals: NormalsField | None = None
     crease_angle: CreaseAngleField | None = None
     pose: PoseField | None = None
+    high: HighField | None = None
+    cage: CageField | None = None
+    match: MatchField | None = None
     tolerance: Annotated[float | None, _measurement(
         "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", common=True, range=(0, 1),
         metavar="E", default_text="any error passes", more="The outputs stay.")] = None
@@ -358,6 +379,8 @@ class VerifyOptions(Validated):
         """
         names = [field.name for field in option_fields(ValueOptions) if hasattr(self, field.name)]
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if given.get("high") == ():
+            given = {"cage": "auto", "match": "name"} | given
         value = baked or ValueOptions()
         if given.get("ground") is False:
             given = {"ground_height": None} | given

@@ -140,11 +140,21 @@ class OptionField:
         return _WORDS[self.kind][1].format(bounds=bounds, choices=", ".join(self.choices), **self.alternatives)
 
     @property
+    def takes_distance(self) -> bool:
+        """Whether a file option may be a length or a share of the diagonal instead."""
+        return self.kind == "file" and float in get_args(self.type)
+
+    @property
     def alternatives(self) -> dict[str, str]:
         """What is accepted beside its usual values, in words: `or_auto`, `or_keywords`, `or_none`."""
-        keywords = "".join(f", or {keyword!r}" for keyword in self.option.keywords)
+        keywords = ", or a length, or a share of the diagonal such as '2%'" if self.takes_distance else ""
+        keywords += "".join(f", or {keyword!r}" for keyword in self.option.keywords)
         none = f", or {self.option.none!r}" if self.option.none else ""
         return {"or_auto": f", or {AUTO!r}" if self.takes_auto else "", "or_keywords": keywords, "or_none": none}
+
+    def is_distance(self, value: float | str) -> bool:
+        """Tell whether the value of a file option is a length or a share of the diagonal."""
+        return self.takes_distance and (not isinstance(value, str) or _is_distance(value))
 
     def check(self, value: Any) -> Any:
         """Return a value as its type; NumPy's numbers become Python's, lists tuples. Raises ArgumentError."""
@@ -187,6 +197,10 @@ class OptionField:
             names = (value,) if isinstance(value, str) else tuple(value)
             if all(isinstance(name, str) for name in names):
                 return names
+        if self.takes_distance and not isinstance(value, str | PathLike):
+            return self._positive(value)
+        if self.takes_distance and _is_distance(value):
+            return read_distance(value)
         if self.kind == "file":
             return _path(value)
         if self.kind == "files":
@@ -217,7 +231,7 @@ class OptionField:
 
     def _number(self, value: Any) -> int | float:
         """Return a number in the range; raises TypeError or ValueError."""
-        whole = self.kind not in ("number", "vector", "distance")
+        whole = self.kind not in ("number", "vector", "distance", "file")
         accepted: Any = Integral if whole else Real
         if isinstance(value, bool) or not isinstance(value, accepted):
             raise TypeError
@@ -225,6 +239,15 @@ class OptionField:
         if not low <= value <= high or (self.option.above_min and value == low):
             raise ValueError
         return int(value) if whole else value if isinstance(value, int) else float(value)
+
+
+def _is_distance(value: Any) -> bool:
+    """Tell whether a text is a length or a share of the diagonal."""
+    try:
+        read_distance(value)
+    except (ValueError, AttributeError):
+        return False
+    return True
 
 
 def _path(value: Any) -> str:
@@ -354,6 +377,8 @@ def named_files(options: Any) -> dict[str, tuple[str, ...]]:
     paths: dict[str, tuple[str, ...]] = {}
     for field in option_fields(type(options)):
         value = getattr(options, field.name, None)
-        if value and field.kind in ("file", "files") and value not in field.option.keywords:
-            paths[field.name] = value if field.kind == "files" else (value,)
+        if value and field.kind == "files":
+            paths[field.name] = value
+        elif value and field.kind == "file" and value not in field.option.keywords and not field.is_distance(value):
+            paths[field.name] = (value,)
     return paths

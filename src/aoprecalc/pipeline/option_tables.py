@@ -38,7 +38,7 @@ def _type_of(field: OptionField) -> Any:
         "distance": int | float,
         "text": str,
     }
-    plain = types.get(field.kind, int)
+    plain = int | float | str if field.takes_distance else types.get(field.kind, int)
     if field.kind == "choice":
         plain = Literal[(*field.choices, *(int(choice) for choice in field.choices if choice.isdecimal()))]
     return Annotated[plain | str if field.option.quantity else plain, Meta(description=field.expected)]

@@ -11,7 +11,7 @@ gives a value to each texel that a look-up on the surface can read, covered or n
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -264,6 +264,26 @@ def resolve_texels(
         return ResolvedTexture(fitted, known, valid)
     components = [np.where(known, fit(means, channel), np.float32(0)) for channel, means in enumerate(vectors.T, 1)]
     return ResolvedTexture(fitted, known, valid, np.stack(components, axis=-1))
+
+
+def fill_missed(resolved: ResolvedTexture, missed: Texels) -> ResolvedTexture:
+    """Give covered texels whose value could not be measured one, smoothly from what lies around them.
+
+    They count as known from then on, so that the gutters are padded with them, but not as valid.
+    """
+    empty: BoolArray = np.zeros(resolved.known.shape, bool)
+    empty.ravel()[missed.index] = True
+    empty &= ~resolved.known
+    if not empty.any():
+        return resolved
+
+    def filled(image: Float32Array) -> Float32Array:
+        return np.where(empty, push_pull(image, resolved.known), image)
+
+    vectors = resolved.vectors
+    if vectors is not None:
+        vectors = np.stack([filled(vectors[..., axis]) for axis in range(3)], axis=-1)
+    return replace(resolved, values=filled(resolved.values), known=resolved.known | empty, vectors=vectors)
 
 
 def lighter_of_sides(front: ResolvedTexture, back: ResolvedTexture) -> ResolvedTexture:

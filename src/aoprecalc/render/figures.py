@@ -12,6 +12,7 @@ from functools import reduce
 import numpy as np
 
 from aoprecalc.errors import counted
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
 from aoprecalc.mesh.roles import in_poses
 from aoprecalc.mesh.surface import bounding_sphere, positions_of
@@ -88,7 +89,8 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
     Raises what `bake_scene` raises.
     """
     size = min(baked.shadow_size or options.shadow_size or _RAY_SIZE, MAX_SHADOW_SIZE)
-    scene = in_poses(baked.scene, baked.normals)[0][0]
+    detail = detail_of(baked.scene)
+    scene = in_poses(baked.scene, baked.normals)[0][0] if detail is None else detail.scene
     shown = positions_of(scene, scene.receives | scene.occludes)
     center, radius = bounding_sphere(shown)
     corners = opaque_triangles(scene)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.mesh.detail import Cage, Detail, cage_at, cage_of, diagonal
+from aoprecalc.mesh.detail import Cage, Detail, cage_of, diagonal
 from aoprecalc.mesh.surface import SurfacePoints, area_vectors, normalize, sample_surface
 from aoprecalc.types import Float64Array, Int32Array, Scene
 from aoprecalc.visibility.projection import Projection
@@ -155,16 +155,3 @@ def _distances_to_triangles(places: Float64Array, corners: Float64Array) -> Floa
         inside &= np.einsum("kx,kx->k", np.cross(normals, edge), offset) >= 0
     height = np.abs(np.einsum("kx,kx->k", normals, places - corners[:, 0]))
     return np.where(inside, height, to_edges)
-
-
-def chosen_cage(low: Scene, detail: Detail, cage: float | str, file: Scene | None, threads: int = 0) -> Cage:
-    """Return the cage that is asked for: auto, a distance in the units of the mesh or a share of the diagonal, a file.
-
-    file   the mesh of the cage, where it is one
-    """
-    if file is not None:
-        return read_cage(low, file)
-    if cage == "auto":
-        return auto_cage(low, detail, threads)
-    share = isinstance(cage, str)
-    return cage_at(low, float(str(cage).rstrip("%")) / 100 * diagonal(low) if share else float(cage))

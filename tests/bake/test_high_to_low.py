@@ -1,0 +1,210 @@
+"""High to low: the texture of a simple mesh holds the ambient occlusion of a detailed one."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import aoprecalc as ao
+from aoprecalc.errors import ArgumentError, InputError
+from aoprecalc.options import BakeOptions, VerifyOptions
+from aoprecalc.texture_lookup import bilinear
+from bake.test_projection import bumpy, plane
+from shapes import MESHES, ball, box, join, quad, quad_uvs
+
+QUICK = {"directions": 256, "size": 64}
+SQUARE = quad_uvs((0, 0), (1, 1))
+
+
+def flat(name="rock_low"):
+    """The unit square, of which the texture is the whole page."""
+    return ao.Mesh(*plane(), uvs=SQUARE, name=name)
+
+
+def fine(height=0.05, frequency=8):
+    return ao.Mesh(*bumpy(height, 64, frequency), name="rock_high")
+
+
+def rms(first, second):
+    return float(np.sqrt(((first - second) ** 2).mean()))
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_a_plane_over_a_bumpy_plane_gets_what_the_bumpy_plane_has_itself(backend):
+    options = BakeOptions(backend=backend, unwrap="keep", **QUICK)
+    positions, faces = bumpy(0.05, 64, 25)
+    own = ao.bake(ao.Mesh(positions, faces, uvs=positions[faces][..., :2]), options)
+    result = ao.bake(flat(), options, high=[fine(frequency=25)])
+    assert own.ao.min() < 0.9
+    assert rms(result.ao, own.ao) < 0.005  # of the samples in a texel those on slopes stand for more surface
+    assert result.report.high_to_low.missed == 0
+    assert result.report.high_to_low.triangles == 8192
+
+
+def test_depth_maps_and_rays_see_the_same_from_the_points_found():
+    by_backend = [ao.bake(flat(), BakeOptions(backend=kind, **QUICK), high=[fine()]).ao for kind in ("gl", "ray")]
+    assert rms(*by_backend) < 0.005
+
+
+def test_the_low_mesh_does_not_occlude_and_all_of_the_high_one_does():
+    roof = ao.Mesh(*quad((-500, -500, 0.5), (0, 1000, 0), (1000, 0, 0)), name="roof_high")
+    options = BakeOptions(cage=0.01, **QUICK)
+    alone = ao.bake(flat(), options, high=[ao.Mesh(*plane(-0.005), name="rock_high")])
+    under = ao.bake(flat(), options, high=[ao.Mesh(*plane(-0.005), name="rock_high"), roof])
+    assert (alone.ao == 1).all()
+    assert under.ao.max() < 0.02
+
+
+@pytest.mark.parametrize(("match", "bottom"), [("name", 0.1), ("nothing", 1.0)])
+def test_parts_get_the_details_of_their_partners_but_all_occludes(match, bottom, tmp_path):
+    """Of two plates close above each other the lower one is dark, unless it gets what the upper one has."""
+    for kind in ("low", "high"):
+        plates = trimesh.Scene()
+        for name, z in (("top", 0.02), ("bottom", 0.0)):
+            positions, faces = plane(0.01 if kind == "low" else z)
+            plate = trimesh.Trimesh(positions + (0, 0, 1e-4 * (name == "top")), faces, process=False)
+            plates.add_geometry(plate, geom_name=f"{name}_{kind}", node_name=f"{name}_{kind}")
+        plates.export(tmp_path / f"{kind}.glb")
+    options = BakeOptions(high=tmp_path / "high.glb", cage=0.05, match=match, unwrap="xatlas", **QUICK)
+    result = ao.bake(tmp_path / "low.glb", options)
+    middles = bilinear(result.ao, result.mesh.uvs.mean(axis=1), repeats=False)
+    assert middles[:2] == pytest.approx(1.0, abs=1e-3)
+    assert middles[2:] == pytest.approx(bottom, abs=0.1)
+    matches = {pair.part: pair.high for pair in result.report.high_to_low.matches}
+    named = {"top_low": ("top_high",), "bottom_low": ("bottom_high",)}
+    assert matches == (named if match == "name" else {"top_low": (), "bottom_low": ()})
+
+
+def test_names_that_do_not_match_are_told(tmp_path):
+    for kind, names in (("low", ("a", "b_low")), ("high", ("c", "b_high")), ("other", ("d", "e"))):
+        plates = trimesh.Scene()
+        for z, name in enumerate(names):
+            plates.add_geometry(trimesh.Trimesh(*plane(0.5 * z), process=False), geom_name=name, node_name=name)
+        plates.export(tmp_path / f"{kind}.glb")
+    report = ao.bake(tmp_path / "low.glb", BakeOptions(high=tmp_path / "high.glb", **QUICK)).report
+    assert any("1 part ('a') has no partner and meets all of the detailed surface" in line for line in report.warnings)
+    assert any("1 part ('c') of the detailed mesh matches no part" in line for line in report.warnings)
+    report = ao.bake(tmp_path / "low.glb", BakeOptions(high=tmp_path / "other.glb", **QUICK)).report
+    assert any("no names of parts match" in line for line in report.notes)
+
+
+def test_misses_are_counted_named_and_filled_from_around():
+    hole = 0.25
+    frame = join(
+        quad((0, 0, 0), (1, 0, 0), (0, hole, 0)),
+        quad((0, 1 - hole, 0), (1, 0, 0), (0, hole, 0)),
+        quad((0, hole, 0), (hole, 0, 0), (0, 1 - 2 * hole, 0)),
+        quad((1 - hole, hole, 0), (hole, 0, 0), (0, 1 - 2 * hole, 0)),
+    )
+    wall = quad((1, -500, 0), (0, 1000, 0), (0, 0, 1000))  # faces -x: half of the light is gone at x = 1
+    result = ao.bake(flat(), BakeOptions(cage=0.05, match="nothing", **QUICK), high=[ao.Mesh(*frame), ao.Mesh(*wall)])
+    told = result.report.high_to_low
+    assert told.missed_share == pytest.approx(0.25, abs=0.03)
+    assert told.missed == np.count_nonzero(~result.valid)
+    assert any("25.0% of the texels are not on the detailed surface" in line for line in result.report.warnings)
+    assert result.ao[~result.valid].min() > 0.5
+    complete = ao.bake(
+        flat(), BakeOptions(cage=0.05, match="nothing", **QUICK), high=[ao.Mesh(*plane()), ao.Mesh(*wall)]
+    )
+    assert rms(result.ao, complete.ao) < 0.03
+
+
+def files(folder):
+    """A low and a high mesh, and a cage, as files."""
+    for name, shape in (("rock.obj", plane()), ("rock_high.ply", bumpy(0.05)), ("cage.obj", plane(0.06))):
+        trimesh.Trimesh(*shape, process=False).export(folder / name)
+
+
+@pytest.mark.parametrize("cage", ["auto", 0.06, "5%", "cage.obj"])
+def test_every_kind_of_cage_gives_the_same_where_it_encloses_the_details(cage, tmp_path):
+    files(tmp_path)
+    cage = tmp_path / cage if cage == "cage.obj" else cage
+    options = BakeOptions(high=tmp_path / "rock_high.ply", cage=cage, unwrap="xatlas", **QUICK)
+    expected = replace(options, cage=0.08)
+    assert rms(ao.bake(tmp_path / "rock.obj", options).ao, ao.bake(tmp_path / "rock.obj", expected).ao) < 1e-3
+
+
+def test_the_command_line_bakes_and_verify_finds_the_details_beside_the_mesh(tmp_path, command, monkeypatch):
+    files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    done = command("bake", "rock.obj", "--high", "rock_high.ply", "--cage", "cage.obj", "--size", 64, "--json")
+    assert done.returncode == 0
+    report = json.loads(done.stdout)
+    assert report["high_to_low"]["cage"] == [0.06, 0.06]
+    assert report["options"]["cage"] == "cage.obj"
+    done = command("verify", "rock_ao.obj", "--points", 500, "--rays", 256, "--tolerance", 0.02)
+    assert done.returncode == 0
+    assert "--high rock_high.ply --cage cage.obj" in done.stderr
+    done = command("verify", "rock_ao.obj", "--points", 500, "--rays", 256, "--cage", "0.06", "--tolerance", 0.02)
+    assert done.returncode == 0
+
+
+def test_a_cage_without_details_and_details_that_are_no_mesh_are_refused(tmp_path):
+    files(tmp_path)
+    with pytest.raises(ArgumentError, match="cage is '2%', but there is no detailed mesh; add high"):
+        ao.bake(flat(), BakeOptions(cage="2%", **QUICK))
+    with pytest.raises(ArgumentError, match="match is 'nothing', but there is no detailed mesh"):
+        ao.bake(flat(), BakeOptions(match="nothing", **QUICK))
+    with pytest.raises(ArgumentError, match="given twice"):
+        ao.bake(flat(), BakeOptions(high="rock.obj"), high=[fine()])
+    with pytest.raises(ArgumentError, match="instances is 'share'"):
+        ao.bake(flat(), BakeOptions(instances="share"), high=[fine()])
+    with pytest.raises(InputError, match="no such file"):
+        ao.bake(flat(), BakeOptions(high=tmp_path / "gone.obj"))
+    with pytest.raises(InputError, match=r"cage.obj: has 2 faces, a cage of .* has 12 faces"):
+        ao.bake(ao.Mesh(*box()), BakeOptions(cage=tmp_path / "cage.obj", **QUICK), high=[fine()])
+
+
+def test_chunks_and_threads_do_not_change_a_byte():
+    options = BakeOptions(backend="ray", unwrap="keep", size=1100, directions=4)
+    whole = ao.bake(flat(), options, high=[fine()])
+    for other in (replace(options, threads=1), replace(options, memory_limit=700 << 20)):
+        assert np.array_equal(ao.bake(flat(), other, high=[fine()]).ao, whole.ao)
+
+
+def test_the_size_is_chosen_by_the_details():
+    options = BakeOptions(size="auto", directions=64)
+    smooth, rough = (ao.bake(flat(), options, high=[fine(0.05, f)]).report.texels.width for f in (2, 60))
+    assert smooth < rough
+
+
+def displaced(positions):
+    waves = np.sin(9 * positions[:, :1]) * np.sin(11 * positions[:, 1:2]) * np.sin(7 * positions[:, 2:])
+    return positions * (1 + 0.04 * waves)
+
+
+def reference_error(low, high, **options):
+    """The RMSE of the texture to the detailed surface's own AO, by rays, and what was missed."""
+    result = ao.bake(low, BakeOptions(directions=1000, **options), high=[high], verify=True)
+    return result.report.verify.levels[0].rmse, result.report.high_to_low.missed_share
+
+
+@pytest.mark.slow
+def test_a_displaced_sphere_of_half_a_million_triangles_on_two_thousand():
+    simple, detailed = ball(4), ball(7)  # 5,120 and 327,680 triangles
+    error, missed = reference_error(
+        ao.Mesh(displaced(simple[0]), simple[1]), ao.Mesh(displaced(detailed[0]), detailed[1]), size=1024
+    )
+    assert error < 0.02
+    assert missed < 0.001
+
+
+@pytest.mark.slow
+@pytest.mark.corpus
+def test_a_simplified_ogre_gets_the_ao_of_the_original():
+    original = trimesh.load(MESHES / "jerry_ogre" / "bs_rest.obj", process=False, force="mesh")
+    original.merge_vertices(merge_tex=True, merge_norm=True)
+    simple = original.simplify_quadric_decimation(face_count=4000)
+    error, missed = reference_error(
+        ao.Mesh(simple.vertices, simple.faces), ao.Mesh(original.vertices, original.faces), size=1024
+    )
+    assert error <= 0.02
+    assert missed < 0.01
+
+
+def test_verify_takes_meshes_in_memory():
+    result = ao.bake(flat(), BakeOptions(**QUICK), high=[fine()])
+    few = VerifyOptions(points=500, rays=256)
+    assert ao.verify(result.mesh, options=few, high=[fine()]).error < 0.02
