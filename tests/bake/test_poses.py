@@ -19,7 +19,7 @@ from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.gather import LocalVisibility, gather
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 from gltf_kit.baked_by_hand import make_atlas
-from gltf_kit.gltf_animated import HINGE, box_with_lid, box_with_still_lid, clip, strip_over_a_joint
+from gltf_kit.gltf_animated import HINGE, box_with_lid, box_with_still_lid, clip, strip_over_a_joint, turn
 from gltf_kit.gltf_maker import GltfMaker
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])
@@ -40,15 +40,15 @@ def values(scene, *pose, **options):
     return bake(scene, pose=pose, **options).texture.values
 
 
-def texel_means(scene, backend, **options):
-    """The value of each texel before an image is fitted to them."""
+def measured(scene, backend, **options):
+    """What is measured of each texel before an image is fitted to it."""
     options = BakeOptions(size=64, directions=256, backend=backend, **options)
     scene = with_poses(assign_roles(scene, options), options)
     with open_backend(options, Progress()) as opened:
         atlas = make_atlas(scene, "keep")
         setup = BakeSetup(opened, BakeInputs(scene, atlas, scene.normals, options))
         visibility = LocalVisibility(setup, setup.sides[0], 512, len(setup.texels), Progress())
-        return gather(setup, setup.sides[0], visibility, len(setup.texels)).values
+        return gather(setup, setup.sides[0], visibility, len(setup.texels))
 
 
 @pytest.fixture
@@ -84,10 +84,26 @@ def test_two_poses_are_the_mean_of_both_where_nothing_turns(tmp_path, backend, e
     clip(maker, "lift", (1, "translation", [0, 1], [HINGE + (0, 0.2, 0), HINGE + (0, 1, 0)]))
     scene, how = maker.load(), {"backend": backend, "estimator": estimator}
     both, low, high = (
-        texel_means(scene, pose=pose, **how) for pose in (("lift@0", "lift@1"), ("lift@0",), ("lift@1",))
+        measured(scene, pose=pose, **how).values for pose in (("lift@0", "lift@1"), ("lift@0",), ("lift@1",))
     )
     assert np.abs(both - (low + high) / 2).max() < 1e-6
     assert np.abs(low - high).max() > 0.2
+
+
+@backends
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1)], ids=["turned", "mirrored"])
+def test_bent_normals_are_those_of_the_rest_pose_where_all_turns(tmp_path, backend, scale):
+    maker = box_with_lid(GltfMaker(tmp_path))
+    maker.json["nodes"][1]["translation"] = (HINGE + (0, 0.6, 0)).tolist()
+    root = maker.node(children=[0, 1])
+    aside = turn((0.6, 0, 0.8), 70)
+    clip(maker, "fall", (root, "rotation", [0], [aside]), (root, "scale", [0], [scale]))
+    scene, how = maker.load(), {"backend": backend, "bent_normals": True}
+    rest, fallen, both = (measured(scene, pose=pose, **how) for pose in ((), ("fall@0",), ("fall@0", "open@0")))
+    for posed in (fallen, both):
+        cosines = np.einsum("kx,kx->k", rest.vectors, posed.vectors)
+        cosines /= np.linalg.norm(rest.vectors, axis=1) * np.linalg.norm(posed.vectors, axis=1)
+        assert np.median(np.degrees(np.arccos(cosines.clip(-1, 1)))) < 2
 
 
 def test_the_order_of_poses_does_not_matter_nor_does_a_pose_twice(lidded):

@@ -3,7 +3,7 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Self
@@ -11,7 +11,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from aoprecalc.mesh.roles import in_poses
-from aoprecalc.mesh.surface import area_vectors, normalize
+from aoprecalc.mesh.surface import area_vectors, geometric_normals, normalize
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
@@ -107,6 +107,23 @@ def mean_over_poses(sums: Iterable[Float32Array]) -> Float32Array:
     return total / np.float32(count)
 
 
+def turns_to_rest(scene: Scene, normals: Float32Array) -> Float32Array:
+    """Return what turns each face of a scene from each of its p poses to the rest pose, (p, f, 3, 3): v to v @ turn.
+
+    normals   (f, 3, 3): the shading normals in the rest pose
+    A pose that mirrors is turned by a reflection.
+    """
+
+    def frames(stands: Scene, shading: Float32Array) -> Float64Array:
+        along, across = normalize(stands.corners[:, 1:] - stands.corners[:, :1]).transpose(1, 0, 2)
+        across = normalize(across - np.einsum("fx,fx->f", along, across)[:, None] * along)
+        return np.stack([along, across, geometric_normals(stands, shading)], axis=1)
+
+    rest = frames(scene, normals)
+    turns = [np.einsum("fkx,fky->fxy", frames(*pose), rest) for pose in in_poses(scene, normals)]
+    return np.stack(turns).astype(np.float32)
+
+
 def _turn(own: Float64Array, other: Float64Array, swapped: BoolArray) -> Float64Array:
     """Return the rotation or reflection, (3, 3), that comes nearest to what moves the faces of a part to its instance.
 
@@ -148,14 +165,23 @@ class LocalVisibility:
         self._only = self._make_tester(side.surface) if len(side.surfaces) == 1 else None
         self._instances = SharedInstances.from_scene(side.scene, vectors=setup.integrand.vectors)
         self._setup, self._side, self._progress = setup, side, progress
+        turned = side.scene.poses and setup.integrand.vectors
+        self._turns = turns_to_rest(side.scene, setup.inputs.normals) if turned else None
 
     def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
         """Return the sums of a chunk of texels; see VisibilitySource. Several poses take the memory of one."""
         axes = self._setup.axes[self._setup.groups[group]]
-        return mean_over_poses(
-            self._instances.accumulate(self._only or self._make_tester(surface), samples, axes, group, self._progress)
-            for surface in self._side.surfaces
-        )
+        return mean_over_poses(self._sums_in_poses(samples, axes, group))
+
+    def _sums_in_poses(self, samples: Samples, axes: Float64Array, group: int) -> Iterator[Float32Array]:
+        """Yield the sums in each pose, their vectors turned to the rest pose."""
+        for pose, surface in enumerate(self._side.surfaces):
+            tester = self._only or self._make_tester(surface)
+            sums = self._instances.accumulate(tester, samples, axes, group, self._progress)
+            del tester  # before the next one is made
+            if self._turns is not None:
+                sums[:, 2:] = np.einsum("kx,kxy->ky", sums[:, 2:], self._turns[pose, samples.faces])
+            yield sums
 
 
 def gather_one_direction(
