@@ -291,6 +291,17 @@ def with_poses(scene: Scene, options: ValueOptions) -> Scene:
     return replace(scene, poses=shaded, warnings=tuple(warnings))
 
 
+def standing(scene: Scene, pose: str, options: ValueOptions) -> Scene:
+    """Return a scene as it stands in one pose, for pictures: the rest is as in its file.
+
+    options   say which shading normals it has
+    Raises what `with_poses` raises.
+    """
+    posed = with_poses(scene, replace(options, pose=(pose,)))
+    stands = posed.poses[pose]
+    return replace(posed, positions=stands.positions, faces=stands.faces, normals=stands.normals)
+
+
 def given_or_default(options: OptionsT | None, kind: type[OptionsT]) -> OptionsT:
     """Return the options of a job; raises ArgumentError where they are of another kind."""
     if options is not None and not isinstance(options, kind):

@@ -10,14 +10,15 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.documents import Document, Report
-from aoprecalc.api.mesh import MeshLike, given_or_default
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default, standing
 from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
 from aoprecalc.errors import ArgumentError, UsageError, listed_counts
 from aoprecalc.io import MESH_EXTENSIONS, Outputs, checked_spheres
 from aoprecalc.io.images import check_picture_extension, picture_png, write_animation, write_picture
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_levels
-from aoprecalc.options import PreviewOptions, Shading, names_extensions
+from aoprecalc.mesh.surface import shading_normals
+from aoprecalc.options import PreviewOptions, Shading, ValueOptions, names_extensions
 from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.render.preview import Spheres, preview_pictures
 from aoprecalc.types import Baked, Float64Array, Picture
@@ -206,6 +207,10 @@ def _preview(
     options = given_or_default(options, PreviewOptions)
     shown, notes = _read_spheres(spheres, options)
     with timer.stage("load"):
+        if options.pose is not None:
+            given = as_mesh(mesh)
+            scene = standing(given._scene, options.pose, ValueOptions())
+            mesh = Mesh._of(scene, scene.positions, scene.faces, given.name, given.ao, given._options)
         found = mesh_to_draw(mesh, texture, colors=options.shading == "material")
     result = _draw(replace(found, messages=(*found.messages, *notes)), options, shown, timer)
     tell(timer, (*map(Note, result.report.notes), *result.report.warnings))
@@ -215,6 +220,9 @@ def _preview(
 def preview_of_bake(baked: Baked, options: PreviewOptions | None) -> Picture:
     """Return the picture of a bake, (height, width, 3) uint8; see `preview`."""
     options = given_or_default(options, PreviewOptions)
+    if options.pose is not None:
+        scene = standing(baked.scene, options.pose, baked.options)
+        baked = replace(baked, scene=scene, normals=shading_normals(scene, "file"))
     found = mesh_to_draw(baked, colors=options.shading == "material")
     return _draw(found, options, None, StageTimer(Progress())).image
 

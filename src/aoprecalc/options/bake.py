@@ -119,6 +119,14 @@ ThreadsField = Annotated[int, _run(
     more="A process keeps the number that its first bake asked for.")]
 
 
+def check_pose(pose: str) -> None:
+    """Raise ArgumentError unless a text names an animation and a time."""
+    name, at, seconds = pose.rpartition("@")
+    if not (name and at and re.fullmatch(r"\d+(\.\d*)?|\.\d+", seconds)):
+        expected = "an animation and seconds such as 'walk@0.5' were expected"
+        raise ArgumentError("pose", f"has {pose!r}; {expected}")
+
+
 @documented
 @dataclass(frozen=True, kw_only=True)
 class LightOptions(Validated):
@@ -196,10 +204,7 @@ class ValueOptions(LightOptions):
                 "estimator", "is 'mean', whose divisor is that of a uniform sky; omit it, or {sky}", "sky"
             )
         for pose in self.pose:
-            name, at, seconds = pose.rpartition("@")
-            if not (name and at and re.fullmatch(r"\d+(\.\d*)?|\.\d+", seconds)):
-                expected = "an animation and seconds such as 'walk@0.5' were expected"
-                raise ArgumentError("pose", f"has {pose!r}; {expected}")
+            check_pose(pose)
 
 
 class _TextureSize:

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.bake import Backend, ThreadsField, Up
+from aoprecalc.options.bake import Backend, ThreadsField, Up, check_pose
 from aoprecalc.options.fields import Option, Validated, documented, option_field
 from aoprecalc.options.quantities import BYTES, LEVELS, SIZE, VECTOR
 
@@ -147,6 +147,9 @@ class PreviewOptions(Validated):
     elevation: Annotated[float, _picture(
         "Angle of the camera above the ground.", range=(-90, 90), unit="degrees", metavar="DEG")] = 20.0
     up: Annotated[Up, _picture("Axis that points up. auto: y; z for STL, or as USD says.")] = "auto"
+    pose: Annotated[str | None, _picture(
+        "Draw the mesh where an animation of its glTF is at a time, such as walk@0.5.", metavar="NAME@SECONDS",
+        default_text="the rest pose")] = None
     backend: Annotated[Backend, _run("Draw in OpenGL (gl) or by rays (ray). auto: gl, else ray.")] = "auto"
     threads: ThreadsField = 0
     size: InitVar[Annotated[int | tuple[int, int] | None, _picture(
@@ -160,6 +163,8 @@ class PreviewOptions(Validated):
             object.__setattr__(self, "width", width)
             object.__setattr__(self, "height", height)
         super().__post_init__()
+        if self.pose is not None:
+            check_pose(self.pose)
         if self.turntable and self.views > 1:
             raise ArgumentError("turntable", "and {views} both say which views to draw; use one of them", "views")
         count = self.frames if self.turntable else self.views
