@@ -231,6 +231,19 @@ def surroundings(folder: Path) -> Picture:
     return contact_sheet(list(zip(views, named, strict=True)), 4)
 
 
+def poses(folder: Path) -> Picture:
+    """A chest that stands open, with the texture of its rest pose, of the open one, and of both."""
+    mesh = folder / "chest.glb"
+    picture_meshes.chest(mesh)
+    kinds = {"rest pose, drawn closed": (), "rest pose, drawn open": (), "--pose open@1": ("open@1",)}
+    kinds["--pose open@0 --pose open@1"] = ("open@0", "open@1")
+    cells = []
+    for name, pose in kinds.items():
+        result = baked(mesh, size=512, pose=pose, ground=True)
+        cells.append((drawn(result, (440, 340), elevation=35, pose=None if "closed" in name else "open@1"), name))
+    return contact_sheet(cells, 2)
+
+
 def vertex_values(_: Path) -> Picture:
     """A ball on a floor with its texture, with fitted values at the vertices and with sampled ones."""
     ball = trimesh.creation.icosphere(2)
@@ -430,8 +443,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, ground_height, backfaces, surroundings, vertex_values, sides, borders, figures,
-            sphere_figures, three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, ground_height, backfaces, surroundings, poses, vertex_values, sides, borders,
+            figures, sphere_figures, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:

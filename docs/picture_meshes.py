@@ -1,7 +1,12 @@
 """The meshes of the documentation's pictures."""
 
+import json
+import struct
+from pathlib import Path
+
 import numpy as np
 import trimesh
+from trimesh.transformations import translation_matrix
 
 import aoprecalc as ao
 
@@ -112,3 +117,45 @@ def tube(path: np.ndarray, radii: np.ndarray, sections: int = 24) -> trimesh.Tri
     if mesh.volume < 0:
         mesh.invert()
     return mesh
+
+
+def chest(path: Path) -> None:
+    """Write a chest with a ball in it as GLB; its lid opens by 110 degrees within a second, in the clip `open`."""
+
+    def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> trimesh.Trimesh:
+        return trimesh.creation.box(bounds=[low, high])
+
+    walls = [block((-1, 0, -0.6), (1, 0.1, 0.6))]
+    walls += [block((-1, 0.1, z - 0.05), (1, 0.7, z + 0.05)) for z in (-0.55, 0.55)]
+    walls += [block((x - 0.05, 0.1, -0.5), (x + 0.05, 0.7, 0.5)) for x in (-0.95, 0.95)]
+    ball = trimesh.creation.icosphere(4, 0.25).apply_translation((0.3, 0.35, 0.0))
+    lid = [block((-1, 0, 0), (1, 0.1, 1.2)), block((-1.04, -0.1, 1.2), (1.04, 0.1, 1.26))]
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.util.concatenate([*walls, ball]), node_name="box", geom_name="box")
+    hinge = translation_matrix((0, 0.7, -0.6))
+    scene.add_geometry(trimesh.util.concatenate(lid), node_name="lid", geom_name="lid", transform=hinge)
+    data = scene.export(file_type="glb", include_normals=True)
+    size = struct.unpack_from("<I", data, 12)[0]
+    document, buffer = json.loads(data[20 : 20 + size]), data[28 + size :]
+    number = next(number for number, node in enumerate(document["nodes"]) if node.get("name") == "lid")
+    document["nodes"][number] = {
+        "name": "lid",
+        "mesh": document["nodes"][number]["mesh"],
+        "translation": [0, 0.7, -0.6],
+    }
+    half = np.radians(110) / 2
+    keys = np.array([0, 1, 0, 0, 0, 1, -np.sin(half), 0, 0, np.cos(half)], "<f4").tobytes()
+    views, accessors = document["bufferViews"], document["accessors"]
+    for start, end, kind in ((0, 8, "SCALAR"), (8, 40, "VEC4")):
+        views.append({"buffer": 0, "byteOffset": len(buffer) + start, "byteLength": end - start})
+        accessors.append({"bufferView": len(views) - 1, "componentType": 5126, "count": 2, "type": kind})
+    accessors[-2] |= {"min": [0], "max": [1]}
+    sampler = {"input": len(accessors) - 2, "output": len(accessors) - 1}
+    channel = {"sampler": 0, "target": {"node": number, "path": "rotation"}}
+    document["animations"] = [{"name": "open", "samplers": [sampler], "channels": [channel]}]
+    buffer += keys
+    document["buffers"] = [{"byteLength": len(buffer)}]
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(buffer), b"BIN\0") + buffer
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)

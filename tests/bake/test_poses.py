@@ -170,6 +170,23 @@ def test_what_is_written_keeps_its_rest_pose_and_its_animation(lidded, tmp_path)
     assert not np.array_equal(opened[0].corners, posed.corners)
 
 
+def test_pictures_show_a_pose(lidded, tmp_path):
+    """The picture of the mesh in a pose is that of the mesh that stands so with the same texture."""
+    options = BakeOptions(size=32, directions=64, unwrap="keep")
+    moving, still = (ao.bake(str(tmp_path / name / "made.glb"), options) for name in ("moving", "open"))
+    look = ao.PreviewOptions(size=(80, 60), backend="ray", shading="clay")
+    expected = still.preview(look)
+    assert not np.array_equal(moving.preview(look), expected)
+    opened = replace(look, pose="open@1")
+    assert np.array_equal(moving.preview(opened), expected)
+    moving.save(tmp_path / "out.glb")
+    assert np.abs(ao.preview(tmp_path / "out.glb", opened).image.astype(int) - expected).max() <= 2
+    with pytest.raises(ArgumentError, match="is no animation"):
+        ao.preview(tmp_path / "out.glb", replace(look, pose="shut@1"))
+    with pytest.raises(ArgumentError, match="an animation and seconds"):
+        replace(look, pose="open")
+
+
 @pytest.mark.parametrize("pose", ["open", "open@", "@1", "open@-1", "open@nan", "open@1e3", ""])
 def test_what_is_no_pose_is_refused(pose):
     with pytest.raises(ArgumentError, match=r"an animation and seconds such as 'walk@0.5' were expected"):
