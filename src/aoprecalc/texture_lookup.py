@@ -57,7 +57,7 @@ def bilinear(image: Float32Array, uvs: Float64Array, *, repeats: bool) -> Float6
     return values
 
 
-_MAX_JOINED = 1 << 25  # texels
+_MAX_JOINED, _MAX_ROWS = 1 << 25, 1 << 13  # texels, and rows of them
 _MARGIN = 16  # rows between textures that are joined: none is mixed with the next up to mip level 4
 _MAX_REPEATS = 4  # along an axis, of a texture that is joined
 
@@ -116,11 +116,11 @@ def join_textures(
 ) -> tuple[Float32Array, Float64Array]:
     """Lay textures below each other in one, and move the UVs of their faces there.
 
-    textures   each (h, w); unless `whole` all are halved until they have at most 2^25 texels together
+    textures   each (h, w); unless `whole` all are halved until they have at most 2^25 texels and 2^13 rows together
     owners     (f,) index of the texture of each face, -1 for none
     uvs        (f, 3, 2) float64, v upwards
     """
-    while not whole and sum(texture.size for texture in textures) > _MAX_JOINED:
+    while not whole and (sum(map(np.size, textures)) > _MAX_JOINED or sum(map(len, textures)) > _MAX_ROWS):
         textures = [mip_chain(texture, 2)[-1] for texture in textures]
     stack = TextureStack.of([(len(texture), texture.shape[1]) for texture in textures], owners, uvs)
     return stack.join(textures), stack.move(owners, uvs)

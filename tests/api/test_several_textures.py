@@ -10,10 +10,11 @@ from PIL import Image
 
 import aoprecalc as ao
 from aoprecalc.api.bake_textures import bake_textures, safe_names
+from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.errors import ArgumentError
 from aoprecalc.io import load_scene
-from aoprecalc.io.meshes import every_occlusion
-from aoprecalc.mesh.surface import sample_surface
+from aoprecalc.io.occlusion import every_occlusion, mesh_beside
+from aoprecalc.mesh.surface import face_normals, sample_surface
 from aoprecalc.metrics.errors import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
@@ -197,3 +198,119 @@ def test_textures_are_joined_with_rows_between_them():
         inside = (np.abs(uvs[face] % 1 - 0.5) < 0.45).all(axis=1)
         here = bilinear(joined, moved[face], repeats=False)
         assert here[inside] == pytest.approx(bilinear(textures[owner], uvs[face], repeats=True)[inside], abs=1e-5)
+
+
+# Read back.
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj"])
+def test_results_are_read_back_with_all_their_textures(room, tmp_path, suffix):
+    (tmp_path / "out").mkdir()
+    options = BakeOptions(**FEW, textures="mesh")
+    result = ao.bake(room, options, verify=True)
+    files = result.save(tmp_path / "out" / f"room_ao{suffix}")
+    report = ao.verify(files.mesh)
+    assert report.texture.triangles == len(result.mesh.faces)
+    assert report.warnings == ()
+    assert report.error == pytest.approx(result.report.verify.levels[0].rmse, abs=2e-3)
+    assert ao.compare(files.mesh, files.mesh).difference == 0
+    drawn = mesh_to_draw(files.mesh).mesh
+    assert drawn.textured.all()
+    assert drawn.ao == pytest.approx(result.ao, abs=0.51 / 255)
+    if files.textures:
+        assert mesh_beside(files.textures[0]) == files.mesh
+
+
+# UDIM.
+
+
+def on_tiles(uvs, tile):
+    return np.asarray(uvs, float) * 0.9 + 0.05 + tile
+
+
+def udim_obj(path, tiles=((0, 0), (1, 0), (2, 1))):
+    """An OBJ of one object and material: a floor and walls, each a quad on a tile of its own."""
+    quads = [
+        [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)],
+        [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)],
+        [(0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1)],
+    ]
+    path.with_suffix(".mtl").write_text("newmtl skin\nKd 0.8 0.8 0.8\n")
+    lines = [f"mtllib {path.stem}.mtl", "o body", "usemtl skin"]
+    for corners, tile in zip(quads, tiles, strict=True):
+        lines += [f"v {x} {y} {z}" for x, y, z in corners]
+        lines += [f"vt {u} {v}" for u, v in on_tiles([(0, 0), (0, 1), (1, 1), (1, 0)], tile).tolist()]
+        lines.append("f -4/-4 -3/-3 -2/-2 -1/-1")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+NUMBERS = ["1001", "1002", "1013"]
+
+
+def test_tiles_stay_tiles_in_an_obj(tmp_path):
+    path = udim_obj(tmp_path / "body.obj")
+    result = ao.bake(path, BakeOptions(**FEW), verify=True)
+    assert [texture.name for texture in result.textures] == NUMBERS
+    assert result.report.unwrap.method == "keep"
+    assert result.report.verify.levels[0].rmse < 0.03
+    files = result.save(f"{tmp_path}/out/")
+    assert [picture.name for picture in files.textures] == [f"body_ao.{number}.png" for number in NUMBERS]
+    text = files.mesh.read_text()
+    assert [line for line in text.splitlines() if line[:3] == "vt "] == [
+        line for line in path.read_text().splitlines() if line[:3] == "vt "
+    ]
+    assert [line for line in text.splitlines() if line[:6] == "usemtl"] == [f"usemtl skin_{n}" for n in NUMBERS]
+    assert ao.verify(files.mesh).error == pytest.approx(result.report.verify.levels[0].rmse, abs=2e-3)
+
+
+def test_tiles_stay_tiles_in_a_gltf(tmp_path):
+    """A primitive becomes one for each tile; vertices and UVs stay, beyond [0, 1], and samplers repeat."""
+    plain, maker = load_scene(udim_obj(tmp_path / "body.obj")), GltfMaker(tmp_path)
+    normals = np.repeat(face_normals(plain.corners)[0], 3, axis=0)
+    uvs = plain.uvs.reshape(-1, 2) * (1, -1) + (0, 1)
+    attributes = {
+        "POSITION": maker.vertices(plain.corners.reshape(-1, 3).astype("<f4"), bounds=True),
+        "NORMAL": maker.vertices(normals.astype("<f4")),
+        "TEXCOORD_0": maker.vertices(uvs.astype("<f4")),
+    }
+    indices = maker.accessor(np.arange(len(uvs), dtype="<u2"))
+    material = maker.add("materials", {"name": "skin"})
+    maker.node(mesh=maker.mesh({"attributes": attributes, "indices": indices, "material": material}))
+    path = maker.save("body.glb")
+    result = ao.bake(path, BakeOptions(**FEW), verify=True)
+    files = result.save(tmp_path / "out.glb")
+    document = pygltflib.GLTF2().load(files.mesh)
+    primitives = document.meshes[0].primitives
+    assert [document.materials[each.material].name for each in primitives] == ["skin", "skin_1002", "skin_1013"]
+    assert len({each.attributes.POSITION for each in primitives}) == 1
+    samplers = {document.samplers[texture.sampler].wrapS for texture in document.textures[1:]}
+    assert samplers == {pygltflib.REPEAT}
+    assert load_scene(files.mesh).uvs == pytest.approx(load_scene(path).uvs)
+    assert ao.verify(files.mesh).error == pytest.approx(result.report.verify.levels[0].rmse, abs=2e-3)
+
+
+@needs_validator
+def test_the_validator_accepts_tiles(tmp_path):
+    files = ao.bake(udim_obj(tmp_path / "body.obj"), BakeOptions(**FEW)).save(tmp_path / "out.glb")
+    assert issues(files.mesh) == [[]]
+
+
+@pytest.mark.parametrize(
+    ("tiles", "why"),
+    [
+        (((0, 0), (0, 0), (0, 0)), "overlap within a tile"),
+        (((0, 0), (0.5, 0), (2, 0)), "a face crosses a border"),
+        (((0, 0), (-1, 0), (1, 0)), "a tile without a number"),
+        (((0, 0), (10, 0), (1, 0)), "a column beyond the last"),
+    ],
+)
+def test_other_uvs_make_one_texture(tmp_path, tiles, why):
+    result = ao.bake(udim_obj(tmp_path / "body.obj", tiles), BakeOptions(**FEW))
+    assert [texture.name for texture in result.textures] == [""], why
+    assert result.report.unwrap.method == "xatlas"
+
+
+def test_new_uvs_are_not_on_tiles(tmp_path):
+    result = ao.bake(udim_obj(tmp_path / "body.obj"), BakeOptions(**FEW, unwrap="xatlas"))
+    assert len(result.textures) == 1

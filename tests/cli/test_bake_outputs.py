@@ -19,7 +19,7 @@ from aoprecalc.io import (
     meshes,
     sphere_files,
 )
-from aoprecalc.io.meshes import find_occlusion
+from aoprecalc.io.occlusion import find_occlusion
 from aoprecalc.options import BAKED_MESH_EXTENSIONS, SPHERE_EXTENSIONS
 from gltf_kit.gltf_documents import APART, corner
 from gltf_kit.gltf_maker import GltfMaker
@@ -124,7 +124,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_what_cannot_be_is_said_before_the_work(name, ring, tmp_path, run, monkeypatch):
-    monkeypatch.setattr("aoprecalc.api.bake.bake_scene", None)  # calling it would fail
+    monkeypatch.setattr("aoprecalc.api.bake.bake_textures", None)  # calling it would fail
     given, message = WRONG[name]
     files, *more = given.split(" --", 1)
     words = [word for file in files.split() for word in ("-o", file)]
@@ -137,7 +137,7 @@ def test_what_cannot_be_is_said_before_the_work(name, ring, tmp_path, run, monke
 
 
 def test_a_texture_of_the_input_is_refused_before_the_work(tmp_path, run, monkeypatch):
-    monkeypatch.setattr("aoprecalc.api.bake.bake_scene", None)
+    monkeypatch.setattr("aoprecalc.api.bake.bake_textures", None)
     maker = GltfMaker(tmp_path)
     (tmp_path / "paint.png").write_bytes(b"mine")
     texture = maker.add("textures", {"source": maker.add("images", {"uri": "paint.png"})})

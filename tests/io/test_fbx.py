@@ -11,7 +11,8 @@ from PIL import Image
 from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
 from aoprecalc.io.formats import fbx
-from aoprecalc.io.meshes import base_colors, find_occlusion, output_mesh_extension, source_files
+from aoprecalc.io.meshes import base_colors, output_mesh_extension, source_files
+from aoprecalc.io.occlusion import find_occlusion
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.options import BakeOptions

@@ -14,7 +14,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, UsdValidation
 from aoprecalc.errors import UsageError
 from aoprecalc.io import load_scene, output_mesh_extension
 from aoprecalc.io.formats.textures import output_uvs
-from aoprecalc.io.meshes import every_occlusion, find_occlusion
+from aoprecalc.io.occlusion import every_occlusion, find_occlusion
 from aoprecalc.options import ValueOptions
 from usd_stages import CORNERS, QUAD, SIDES, SQUARE, add_material, add_mesh, add_uvs, bind, write_baked
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from aoprecalc.io import load_scene
-from aoprecalc.io.meshes import find_occlusion
+from aoprecalc.io.occlusion import find_occlusion
 from pipeline.helpers import write_ring
 
 

@@ -9,7 +9,8 @@ from aoprecalc import BakeOptions
 from aoprecalc.api.bake import bake_file
 from aoprecalc.io import load_scene
 from aoprecalc.io.formats.ply_table import read_header, read_table
-from aoprecalc.io.meshes import base_colors, find_occlusion
+from aoprecalc.io.meshes import base_colors
+from aoprecalc.io.occlusion import find_occlusion
 from aoprecalc.texture_lookup import linear_from_srgb
 from gltf_kit.gltf_validator import ERROR, issues, needs_validator
 

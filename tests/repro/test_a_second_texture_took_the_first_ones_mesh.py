@@ -2,7 +2,7 @@
 
 from aoprecalc.api.bake import bake_file
 from aoprecalc.io import load_scene
-from aoprecalc.io.meshes import find_occlusion
+from aoprecalc.io.occlusion import find_occlusion
 from aoprecalc.options import BakeOptions
 from pipeline.helpers import write_ring
 

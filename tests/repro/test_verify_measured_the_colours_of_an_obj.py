@@ -7,7 +7,7 @@ from aoprecalc import VerifyOptions, verify
 from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.io import find_occlusion, load_scene, write_image
 from aoprecalc.io.images import write_colors
-from aoprecalc.io.meshes import NoOcclusionError
+from aoprecalc.io.occlusion import NoOcclusionError
 
 FACE = "vt 0 0\nvt 1 0\nvt 1 1\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nmtllib a.mtl\n"
 COLORS = np.full((4, 4, 3), (200, 90, 30), np.uint8)

@@ -61,7 +61,7 @@ class BakeResult:
         Visibility in spherical harmonics of degree 1: the AO and a vector C. Where the light from each unit vector w is
         L0 + L1.w, a point gets AO L0 + C.L1 of it. None without the option `bent_normals`.
     textures : tuple of BakedTexture
-        Each texture by itself; one, unless the option `textures` asks for several.
+        Each texture by itself; one, unless the option `textures` asks for several, or the UVs lie on UDIM tiles.
     """
 
     ao: Float32Array = field(repr=False)

@@ -13,18 +13,21 @@ import numpy as np
 from aoprecalc.api.bake_scene import OpenedBake, bake_scene, prepare_scene
 from aoprecalc.api.vertex_ao import fit_to_texture
 from aoprecalc.errors import ArgumentError, counted
+from aoprecalc.io.formats.base import source_polygons
 from aoprecalc.io.formats.textures import output_uvs
 from aoprecalc.io.meshes import grouped
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Note, Progress, StageTimer
 from aoprecalc.texture_lookup import TextureStack
 from aoprecalc.types import Atlas, Baked, BoolArray, DarkTexels, Float32Array, Float64Array, Int64Array, Scene, Texture
-from aoprecalc.uv.checks import needs_uvs
+from aoprecalc.uv.checks import RasterizerFactory, needs_uvs
+from aoprecalc.uv.tiles import UdimTile, udim_tiles
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.integrand import Integrand
 
 _MAX_TEXTURES = 1000
+_SIZE_OF_CHECK = 1024  # of a texture whose size is not known yet
 _MAX_NAME = 60  # characters of the name of a texture
 
 
@@ -35,7 +38,7 @@ class BakedTexture:
     Attributes
     ----------
     name : str
-        Of its material or mesh; empty for the only one of a bake.
+        Of its material, mesh or UDIM tile; empty for the only one of a bake.
     ao, valid : ndarray, (H, W) float32 and bool
         As in `BakeResult`.
     faces : ndarray, (F,) bool
@@ -55,7 +58,7 @@ class BakedTexture:
 class TextureBake:
     """The bake of one texture.
 
-    name    of its material or mesh; empty for the only one of a scene
+    name    of its material, mesh or UDIM tile; empty for the only one of a scene
     baked   its bake, of the scene in which only its faces receive
     """
 
@@ -118,15 +121,18 @@ def bake_textures(
     groups = divide(prepared, options)
     with open_backend(options, progress) as backend:
         opened = OpenedBake(backend, normals)
+        if options.unwrap in ("auto", "keep"):
+            groups = tuple(tile for group in groups for tile in _tiles(backend.rasterizer, prepared, group, options))
         if len(groups) == 1:
             baked = bake_scene(prepared, options, progress, timer, make_visibility, opened)
             return BakedTextures((TextureBake("", baked),), baked)
         own = _of_the_whole(prepared, options)
         textures = []
         for group in groups:
-            part, named = replace(prepared, baked_only=group.faces), _NamedLines(progress, group.name)
             progress.note(f"texture {group.name}: {counted(int(np.count_nonzero(group.faces)), 'triangle')}")
-            baked = bake_scene(part, own, named, timer, make_visibility, opened)
+            how = own if group.tile is None else replace(own, unwrap="keep")
+            named = _NamedLines(progress, group.name)
+            baked = bake_scene(group.scene(prepared), how, named, timer, make_visibility, opened)
             value = replace(baked.options, max_distance=options.max_distance)
             textures.append(TextureBake(group.name, replace(baked, options=value)))
     whole = _joined(prepared, textures)
@@ -170,10 +176,25 @@ def _of_the_whole(scene: Scene, options: BakeOptions) -> BakeOptions:
 
 
 class TextureGroup(NamedTuple):
-    """The name of a texture, and the faces whose occlusion it holds, (f,) bool."""
+    """A texture to bake: its name, the faces whose occlusion it holds, (f,) bool, and its UDIM tile, if it is one."""
 
     name: str
     faces: BoolArray
+    tile: UdimTile | None = None
+
+    def scene(self, scene: Scene) -> Scene:
+        """Return the scene in which only its faces receive."""
+        return replace(scene, baked_only=self.faces) if self.tile is None else self.tile.scene(scene)
+
+
+def _tiles(
+    make_rasterizer: RasterizerFactory, scene: Scene, group: TextureGroup, options: BakeOptions
+) -> list[TextureGroup]:
+    """Return a texture as one for each UDIM tile of its UVs; itself where they are on none, see `udim_tiles`."""
+    size = (options.width, options.height) if options.size != "auto" else (_SIZE_OF_CHECK, _SIZE_OF_CHECK)
+    tiles = udim_tiles(make_rasterizer, group.scene(scene), source_polygons(scene).owners, *size)
+    before = f"{group.name}." if group.name else ""
+    return [TextureGroup(f"{before}{tile.number}", tile.faces, tile) for tile in tiles] or [group]
 
 
 def divide(scene: Scene, options: BakeOptions) -> tuple[TextureGroup, ...]:

@@ -24,7 +24,7 @@ from aoprecalc.io import (
 )
 from aoprecalc.io.baked_options import baked_options, occlusion_pixels
 from aoprecalc.io.formats.files import ImageSource
-from aoprecalc.io.meshes import NoOcclusionError, mesh_beside
+from aoprecalc.io.occlusion import NoOcclusionError, mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, read_json_object, write_json
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS, read_levels
 from aoprecalc.metrics.difference import (

@@ -19,7 +19,7 @@ from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.verify import VerifyReport
 from aoprecalc.errors import ArgumentError, InputError, counted
 from aoprecalc.io import IMAGE_EXTENSIONS, MESH_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
-from aoprecalc.io.meshes import mesh_beside
+from aoprecalc.io.occlusion import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, read_json_object
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
 

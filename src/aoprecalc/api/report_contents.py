@@ -23,7 +23,7 @@ from aoprecalc.errors import AoprecalcError, InputError, RendererError, counted,
 from aoprecalc.io.baked_options import occlusion_values
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import read_pixels
-from aoprecalc.io.meshes import baked_copy
+from aoprecalc.io.occlusion import baked_copy
 from aoprecalc.io.sphere_files import read_spheres
 from aoprecalc.options import PreviewOptions, Shading
 from aoprecalc.progress import Progress, notes_of, warnings_of

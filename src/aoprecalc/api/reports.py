@@ -219,7 +219,7 @@ class DarkTexelShares(Report):
 class TextureReport(Report):
     """One texture of a bake; its members are as in the report.
 
-    name        of its material or mesh; empty for the only one
+    name        of its material, mesh or UDIM tile; empty for the only one
     triangles   whose occlusion it holds
     """
 

@@ -4,7 +4,6 @@
 """
 
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -18,7 +17,8 @@ from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError, counted, one_or_many, option_name
 from aoprecalc.io import IMAGE_EXTENSIONS, OcclusionTexture, find_occlusion, source_files, texture_values
 from aoprecalc.io.formats.textures import output_uvs
-from aoprecalc.io.meshes import Misfit, NoOcclusionError, baked_copy, base_colors, every_occlusion, mesh_beside
+from aoprecalc.io.meshes import base_colors
+from aoprecalc.io.occlusion import Misfit, NoOcclusionError, baked_copy, every_occlusion, join_occlusion, mesh_beside
 from aoprecalc.mesh.roles import assign_roles, finest_level, names_a_part, up_axis
 from aoprecalc.mesh.surface import face_normals, shading_normals
 from aoprecalc.metrics.errors import seam_difference
@@ -27,7 +27,6 @@ from aoprecalc.options.fields import option_fields
 from aoprecalc.progress import Note
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
-from aoprecalc.texture_lookup import join_textures
 from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Float64Array, Scene, TexturedMesh
 
 # A given texture is refused beyond this share of random differences across seams. Measured: 0.07 to 0.65 with the right
@@ -184,9 +183,9 @@ def _mapped(scene: Scene, picture: OcclusionTexture) -> tuple[BoolArray, tuple[s
 
 
 def find_texture(
-    mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None, options: VerifyOptions
+    mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None, options: VerifyOptions, *, whole: bool = True
 ) -> OcclusionTexture:
-    """Return a texture of a mesh, with its UVs and the options of its bake: see `verify`."""
+    """Return a texture of a mesh, with its UVs and the options of its bake: see `verify`, and `find_occlusion`."""
     scene = mesh._scene
     if isinstance(texture, str | PathLike):
         return find_occlusion(scene, Path(texture))
@@ -196,7 +195,7 @@ def find_texture(
         return replace(find_occlusion(scene, mesh.ao), options=mesh._options)
     if not scene.format:
         raise ArgumentError("texture", "is None and the mesh is not from a file; expected an array or a path")
-    return find_occlusion(scene, misfit=misfit(scene, options))
+    return find_occlusion(scene, misfit=misfit(scene, options), whole=whole)
 
 
 # As pictures show it.
@@ -316,28 +315,8 @@ def _own_or_given(mesh: Mesh, texture: str | PathLike[str] | ArrayLike | None) -
         return find_texture(mesh, texture, VerifyOptions())
     if mesh.ao is None and not mesh._scene.format:
         raise NoOcclusionError(f"{mesh.name}: has no ambient occlusion; bake it")
-    picture = find_texture(mesh, None, VerifyOptions())
-    return _joined(every_occlusion(mesh._scene), picture) if picture.others else picture
-
-
-def _joined(pictures: Sequence[OcclusionTexture], main: OcclusionTexture) -> OcclusionTexture:
-    """Return the textures of several materials as one; `main` is that of most of them."""
-    different = list[Float32Array]()  # several materials may have the same in pictures of their own
-    owners = np.full(len(main.uvs), -1)
-    for picture in pictures:
-        same = (number for number, values in enumerate(different) if np.array_equal(values, picture.values))
-        if (number := next(same, len(different))) == len(different):
-            different.append(picture.values)
-        owners[picture.shown] = number
-    shown = owners >= 0
-    warnings = tuple(dict.fromkeys(line for picture in pictures for line in picture.warnings))
-    others = tuple(name for name in main.others if name not in {picture.name for picture in pictures})
-    found = replace(main, shown=shown, warnings=warnings, others=others)
-    if len(different) == 1:
-        return replace(found, values=different[0])
-    joined, uvs = join_textures(different, owners, np.nan_to_num(main.uvs))
-    name = f"{main.name} and {counted(len(different) - 1, 'other')}"
-    return replace(found, name=name, values=joined, uvs=np.where(np.isfinite(main.uvs), uvs, np.nan))
+    picture = find_texture(mesh, None, VerifyOptions(), whole=False)
+    return join_occlusion(every_occlusion(mesh._scene), picture) if picture.others else picture
 
 
 def _note_on_uv_set(surface: TexturedSurface, texture: object) -> tuple[Note, ...]:

@@ -22,7 +22,7 @@ from aoprecalc.io import (
     source_files,
     write_colors,
 )
-from aoprecalc.io.meshes import mesh_beside
+from aoprecalc.io.occlusion import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, sample_surface, shading_normals

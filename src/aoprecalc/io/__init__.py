@@ -5,15 +5,14 @@ from aoprecalc.io.images import IMAGE_EXTENSIONS, choose_bit_depth, read_image, 
 from aoprecalc.io.meshes import (
     MESH_EXTENSIONS,
     OUTPUT_MESH_EXTENSIONS,
-    OcclusionTexture,
     check_mesh_extension,
-    find_occlusion,
     input_files,
     load_scene,
     output_mesh_extension,
     source_files,
     write_baked_mesh,
 )
+from aoprecalc.io.occlusion import OcclusionTexture, find_occlusion
 from aoprecalc.io.outputs import Outputs
 
 __all__ = [

@@ -260,7 +260,8 @@ class BakeOptions(_TextureSize, ValueOptions):
     textures: Annotated[Textures, _texture(
         "Bake one texture, or one for each material or mesh of the file; `size` is that of each.",
         more="All parts occlude each other as in one texture. Several are named after their material or mesh, as "
-        "`<name>_ao.<material>.png`. UVs of a material or mesh that can hold its own bake are kept.")] = "one"
+        "`<name>_ao.<material>.png`. UVs of a material or mesh that can hold its own bake are kept. "
+        "UVs on UDIM tiles make one texture a tile, `<name>_ao.1001.png`.")] = "one"
     padding: Annotated[int, _texture(
         "Texels by which charts are extended into the gutters around them.", range=(0, 256), unit="texels",
         more="Gutters are packed twice as wide where there is room.")] = 8
