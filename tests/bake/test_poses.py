@@ -193,6 +193,11 @@ def test_what_is_no_pose_is_refused(pose):
         BakeOptions(pose=pose)
 
 
+def test_a_detailed_mesh_has_no_pose():
+    with pytest.raises(ArgumentError, match="pose is of the mesh, but light is measured on the one of high; omit one"):
+        BakeOptions(pose="open@1", high=("detailed.glb",))
+
+
 def test_the_command_says_what_is_wrong(lidded, tmp_path, command):
     source, output = tmp_path / "moving" / "made.glb", tmp_path / "out.glb"
     for pose, words in (

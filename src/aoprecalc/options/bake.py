@@ -205,6 +205,8 @@ class ValueOptions(LightOptions):
             )
         for pose in self.pose:
             check_pose(pose)
+        if self.pose and self.high:
+            raise ArgumentError("pose", "is of the mesh, but light is measured on the one of {high}; omit one", "high")
 
 
 class _TextureSize:
