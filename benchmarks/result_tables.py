@@ -56,6 +56,7 @@ def full_tables() -> dict[str, list[str]]:
         "seams": seams_table(results("seams")["rows"]),
         "speed": speed_table(results("speed")["points"]),
         "growth": growth_table(results("speed")["growth"]),
+        "distance": distance_table(results("blender_distance")["rows"]),
         "batch": batch_table(results("batch")),
         "report page": report_table(results("report")),
         "sphere quality": quality_table(parts["quality"]),
@@ -147,6 +148,26 @@ def time_at(rows: list[Row], error: float) -> float:
             share = math.log(error / low["rmse"]) / math.log(high["rmse"] / low["rmse"])
             return low["seconds"] ** (1 - share) * high["seconds"] ** share
     return math.nan
+
+
+def distance_table(rows: list[Row]) -> list[str]:
+    """Lay out bakes with a maximum distance beside Cycles': of as many rays, and of the same error."""
+    lines = table("scene", "distance", "bias, Cycles", "bias, rays", "RMSE, Cycles", "RMSE, rays", "s, Cycles",
+                  "s, rays", "ratio", "s, rays, same RMSE", "ratio")  # fmt: skip
+    for scene, percent in dict.fromkeys((row["scene"], row["percent"]) for row in rows):
+        own = [row for row in rows if (row["scene"], row["percent"]) == (scene, percent)]
+        theirs = next(row for row in own if row["tool"] == "cycles")
+        ours = sorted((row for row in own if row["tool"] == "rays"), key=lambda row: row["effort"])
+        pair = theirs, next(row for row in ours if row["effort"] == 2 * theirs["effort"])
+        reached, equal = "", time_at(ours, theirs["rmse"])
+        if math.isnan(equal):  # even the fewest directions are better, or the most are not as good
+            fewest = ours[0]["rmse"] < theirs["rmse"]
+            reached, equal = ("below ", ours[0]["seconds"]) if fewest else ("above ", ours[-1]["seconds"])
+        numbers = [f"{row['bias']:+.4f}" for row in pair] + [f"{row['rmse']:.4f}" for row in pair]
+        numbers += [f"{row['seconds']:.2f}" for row in pair] + [f"{pair[1]['seconds'] / theirs['seconds']:.2f}"]
+        numbers += [f"{reached}{seconds:.2f}" for seconds in (equal, equal / theirs["seconds"])]
+        lines.append(f"| {scene} | {percent}% | {' | '.join(numbers)} |")
+    return lines
 
 
 def growth_table(rows: list[Row]) -> list[str]:
