@@ -189,6 +189,16 @@ def occlusion(_: Path) -> Picture:
     return contact_sheet(list(zip(views, named, strict=True)), 3)
 
 
+def several_textures(folder: Path) -> Picture:
+    """The car with a texture for each material, and these textures."""
+    result = baked(folder / "car.glb", size=512, textures="material", ground=True)
+    cells = [(drawn(result), "the car")]
+    for texture in result.textures:
+        grey = Image.fromarray(np.floor(255 * texture.ao + 0.5).astype(np.uint8)).convert("RGB").resize(CELL)
+        cells.append((np.asarray(grey), f"car_ao.{texture.name}.png"))
+    return contact_sheet(cells, 3)
+
+
 def ground_height(folder: Path) -> Picture:
     """The statue on the ground, above it, and in it."""
     options = {"ground": True, "max_distance": "40%", "falloff": "smooth", "size": 512}
@@ -443,8 +453,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, ground_height, backfaces, surroundings, poses, vertex_values, sides, borders,
-            figures, sphere_figures, three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, several_textures, ground_height, backfaces, surroundings, poses, vertex_values,
+            sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:
