@@ -117,6 +117,8 @@ def test_kinds_of_files_are_said_too():
         assert read_job_spec(None, {"output": kind}).spheres_output == (kind,)
     assert read_job_spec(None, {"output": [*SPHERE_EXTENSIONS]}).spheres_output == SPHERE_EXTENSIONS
     assert read_job_spec({"verify": True}, None).verify
+    directional = read_job_spec({"bent-normals": ".tif", "sh": ".exr"}, None)
+    assert (directional.bent_normals, directional.sh, directional.bake.bent_normals) == (".tif", ".exr", True)
 
 
 WRONG = {
@@ -181,7 +183,7 @@ def spoken(command, words):
     """The options that the real command makes of words of its command line."""
     given = command.make_context("it", ["mesh.obj", *words]).params
     if command is bake_command:
-        return BakeOptions(**{key: given[key] for key in given if key in hints(BakeOptions)})
+        return BakeOptions(**{key: given[key] for key in given if key in hints(BakeOptions) and key != "bent_normals"})
     return SphereOptions(**{key: given[key] for key in hints(SphereOptions)} | {"levels": given["levels"] or ()})
 
 
@@ -239,14 +241,20 @@ def test_a_memory_limit_of_any_amount_is_one_that_the_command_takes(limit):
 
 @pytest.mark.parametrize("mesh", ["rock.obj", "-rock.obj", "a folder/it's.obj"])
 def test_the_commands_of_a_result_make_the_same_files(mesh, tmp_path):
-    spec = JobSpec(BAKE, SPHERES, bake_output=(".exr", ".glb"), verify=True, spheres_output=(".csv", ".urdf"))
+    outputs = {
+        "bake_output": (".exr", ".glb"),
+        "spheres_output": (".csv", ".urdf"),
+        "bent_normals": ".png",
+        "sh": ".exr",
+    }
+    spec = JobSpec(BAKE, SPHERES, verify=True, **outputs)
     bake, spheres = (
         shlex.split(line) for line in reproduce_commands(AssetResult(Asset("props/stone", mesh, spec), "made"))
     )
     given = bake_command.make_context("bake", bake[2:]).params
     assert bake[:2] == ["aoprecalc", "bake"]
     assert (given["mesh"], given["output"]) == (mesh, ("stone_ao.exr", "stone_ao.glb"))
-    assert given["verify"]
+    assert (given["verify"], given["bent_normals"], given["sh"]) == (True, "stone_bent.png", "stone_sh.exr")
     assert given["size"] == (64, 64)
     given = spheres_command.make_context("spheres", spheres[2:]).params
     assert spheres[:2] == ["aoprecalc", "spheres"]

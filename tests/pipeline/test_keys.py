@@ -166,7 +166,7 @@ OTHER = {
         "bit_depth": "16", "normals": "flat", "crease_angle": 30.0, "target_error": 0.1, "instances": "share",
         "pack": "orm", "max_distance": 2.5, "cone": 90.0, "weight": "uniform", "texel_density": 9.0, "strength": 0.5,
         "invert": True, "vertex_ao": "color", "backfaces": "ignore", "occluder": ("wall.obj",),
-        "bent_normals": True,
+        "bent_normals": True, "bent_space": "world", "green": "down",
         "sky": "overcast",
         "textures": "mesh", "pose": ("walk@0.5",),
         "high": ("rock_high.obj",), "cage": "2%", "match": "nothing",
@@ -198,7 +198,13 @@ def test_the_order_changes_with_every_option_that_matters():
     specs += [replace(BOTH, bake=BakeOptions(max_distance=2.5, falloff="linear"))]
     specs += [replace(BOTH, bake=BakeOptions(ground=True, ground_height=height)) for height in (0, 1)]
     specs += [replace(BOTH, spheres=SphereOptions(**{name: value})) for name, value in OTHER[SphereOptions].items()]
-    others = {"bake_output": (".exr", ".glb"), "verify": True, "spheres_output": (".csv",)}
+    others = {
+        "bake_output": (".exr", ".glb"),
+        "verify": True,
+        "spheres_output": (".csv",),
+        "bent_normals": ".png",
+        "sh": ".exr",
+    }
     specs += [replace(BOTH, **{name: value}) for name, value in others.items()]
     keys = {spec_key(Asset("rock", mesh, spec), Path("out")) for spec in specs}
     assert len(keys) == len(specs)

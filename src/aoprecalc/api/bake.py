@@ -18,7 +18,7 @@ from aoprecalc.api.high_to_low import detailed_meshes, names_of
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
-from aoprecalc.errors import counted
+from aoprecalc.errors import ArgumentError, counted
 from aoprecalc.io import Outputs, load_scene, source_files
 from aoprecalc.io.formats.textures import output_uvs
 from aoprecalc.io.images import png_bytes
@@ -82,6 +82,8 @@ class BakeResult:
         *,
         mesh_output: Output | None = None,
         report: Output | None = None,
+        bent_normals: Output | None = None,
+        sh: Output | None = None,
         progress: Progress | None = None,
     ) -> BakeFiles:
         """Write the texture and the mesh, as the command line does.
@@ -100,6 +102,9 @@ class BakeResult:
             The mesh, its format by the extension, or a folder, where `output` is the texture.
         report : str or path-like, optional
             A JSON file for the report, or a folder.
+        bent_normals, sh : str or path-like, optional
+            Pictures of the bent normals and of spherical harmonics ({images}), or folders; the bake has them with the
+            option `bent_normals`.
         progress : Progress, optional
             Receives warnings about what the mesh's format cannot hold.
 
@@ -115,7 +120,10 @@ class BakeResult:
         OutputError
             If a file cannot be written.
         """
-        plan = plan_bake(self.mesh.name, output, mesh_output, report, self._options)
+        if not self._options.bent_normals and (bent_normals is not None or sh is not None):
+            wanted = "sh" if bent_normals is None else "bent_normals"
+            raise ArgumentError(wanted, "needs a bake with BakeOptions(bent_normals=True); bake again")
+        plan = plan_bake(self.mesh.name, output, mesh_output, report, self._options, bent_normals, sh)
         scene = self._baked.scene
         with Outputs() as outputs, TemporaryDirectory() as scratch:
             outputs.protect([*source_files(scene), *map(Path, option_files(self._options))])
@@ -310,6 +318,8 @@ def bake_file(
     *,
     mesh_output: Output | None = None,
     report: Output | None = None,
+    bent_normals: Output | None = None,
+    sh: Output | None = None,
     stem: str | None = None,
     verify: bool = False,
     figures: Output | None = None,
@@ -322,6 +332,7 @@ def bake_file(
     """Bake a mesh file and write the texture and the mesh; outputs are checked before the work.
 
     output            see `BakeResult.save`, or an image and a mesh; by default <stem>_ao.png in the current folder
+    bent_normals, sh  see `BakeResult.save`; the bake measures what they hold
     stem              of default names; None: the mesh's
     verify            measure the texture that was written, for the report
     figures           a folder for the figures, see `BakeResult.figures`, whose names begin with the stem; None: none
@@ -332,7 +343,9 @@ def bake_file(
     """
     options, progress = options or BakeOptions(), progress or Progress()
     mesh, timer = Path(mesh), StageTimer(progress)
-    plan = plan_bake(stem or mesh.stem, output, mesh_output, report, options)
+    if bent_normals is not None or sh is not None:
+        options = replace(options, bent_normals=True)
+    plan = plan_bake(stem or mesh.stem, output, mesh_output, report, options, bent_normals, sh)
     drawn = None
     if figures is not None:
         from aoprecalc.api.figures import BAKE_FIGURES, FigureFiles, figures_of_bake

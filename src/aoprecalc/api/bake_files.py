@@ -7,6 +7,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from aoprecalc.api.bake_textures import BakedTextures, TextureBake
+from aoprecalc.api.bent_normals import bent_picture, harmonics_picture
 from aoprecalc.api.reports import AoReference, BakeOutputs
 from aoprecalc.api.textured_surface import verify_words
 from aoprecalc.errors import ArgumentError, UsageError, counted
@@ -24,7 +25,7 @@ from aoprecalc.io import (
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.base import MeshWithAo, VertexOcclusion
 from aoprecalc.io.formats.textures import MeshTexture
-from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, read_text
+from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, Depth, read_text
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
 from aoprecalc.options import BakeOptions, BitDepth, ValueOptions, VerifyOptions
@@ -33,6 +34,7 @@ from aoprecalc.types import Baked, Float32Array, Scene
 
 Output = str | PathLike[str]
 
+HARMONICS_EXTENSIONS = (".exr", ".tif", ".tiff", ".png")  # for four linear channels
 _EMBEDDED = ".png"  # the format of a texture inside a GLB
 
 
@@ -47,11 +49,16 @@ class BakeFiles:
     mesh : Path
     textures : tuple of Path
         All textures; none where they are inside the mesh.
+    bent_normals, sh : tuple of Path
+        Pictures of the bent normals and of spherical harmonics, one for each texture; empty where they are not asked
+        for.
     """
 
     texture: Path | None
     mesh: Path
     textures: tuple[Path, ...]
+    bent_normals: tuple[Path, ...] = ()
+    sh: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,8 +85,8 @@ class WrittenBake:
 
     def outputs(self, outputs: Outputs) -> BakeOutputs:
         """Return what the report says about them; `others` go with the mesh (.mtl, .bin, images)."""
-        texture, mesh = self.files.texture, self.files.mesh
-        named = {path.resolve() for path in (*self.files.textures, mesh)}
+        files, texture, mesh = self.files, self.files.texture, self.files.mesh
+        named = {path.resolve() for path in (*files.textures, *files.bent_normals, *files.sh, mesh)}
         others = sorted(str(mesh.parent / path.name) for path in outputs.files if path not in named)
         return BakeOutputs(
             texture=None if texture is None else str(texture),
@@ -87,7 +94,9 @@ class WrittenBake:
             mesh=str(mesh),
             others=tuple(others),
             references=self.references,
-            textures=tuple(map(str, self.files.textures)),
+            textures=tuple(map(str, files.textures)),
+            bent_normals=tuple(map(str, files.bent_normals)),
+            sh=tuple(map(str, files.sh)),
         )
 
 
@@ -108,6 +117,7 @@ class BakePlan:
     mesh        None: its name and extension are not given
     mesh_given  the argument `mesh_output`
     report      None: not asked for
+    bent, sh    pictures of the bent normals and of spherical harmonics; None: not asked for
     options     of the bake
     """
 
@@ -116,11 +126,13 @@ class BakePlan:
     mesh: _File | None
     mesh_given: Output | None
     report: _File | None
+    bent: _File | None
+    sh: _File | None
     options: BakeOptions
 
     def claim(self, outputs: Outputs) -> None:
         """Make sure that the files whose names are known can be written; see Outputs.claim."""
-        files = [file for file in (self.texture, self.mesh, self.report) if file is not None]
+        files = [file for file in (self.texture, self.mesh, self.report, self.bent, self.sh) if file is not None]
         for file in sorted(files, key=lambda file: file.given is None):  # an error names what the user gave
             claim_output(outputs, file.given, file.path)
 
@@ -153,6 +165,8 @@ class BakePlan:
             self._write_picture(written[-1], one.baked, self.options.bit_depth, inverted=self.options.invert)
             upright = self._write_upright(outputs, mesh, one, scratch) if self.options.invert else path
             shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces))
+        bent, harmonics = (self._write_directional(outputs, bake, file) for file in (self.bent, self.sh))
+        tangents = bake.tangents() if self.in_tangent_space and format_of(mesh).holds_tangents else None
         values, as_color = baked.vertex_ao, self.options.vertex_ao == "color"
         vertices = None if values is None else VertexOcclusion(values, as_color)
         made = write_baked_mesh(
@@ -166,6 +180,7 @@ class BakePlan:
                 options=baked.options,
                 strength=self.options.strength,
                 vertices=vertices,
+                tangents=tangents,
             ),
         )
         messages = (*made.messages, *_notes_on_options(pictures[0], mesh, baked.options))
@@ -178,12 +193,28 @@ class BakePlan:
             AoReference(use.slot, use.materials, use.uvs, use.packed, use.strength) for use in made.references
         )
         beside = () if self.texture is None else tuple(pictures)
-        files = BakeFiles(next(iter(beside), None), mesh, beside)
+        files = BakeFiles(next(iter(beside), None), mesh, beside, bent, harmonics)
         return WrittenBake(files, tuple(written), self.options.invert, references, messages)
 
     def _write_picture(self, path: Path, baked: Baked, bit_depth: BitDepth, *, inverted: bool) -> None:
         values = 1 - baked.texture.values if inverted else baked.texture.values
         write_image(path, values, bit_depth, bake_text(baked.options, len(baked.scene.faces), inverted=inverted))
+
+    @property
+    def in_tangent_space(self) -> bool:
+        """Whether a picture needs the tangents of the mesh to be read."""
+        return (self.bent is not None or self.sh is not None) and self.options.bent_space == "tangent"
+
+    def _write_directional(self, outputs: Outputs, bake: BakedTextures, file: _File | None) -> tuple[Path, ...]:
+        """Write the bent normals of each texture, or the spherical harmonics; return the paths."""
+        if file is None:
+            return ()
+        make, depth = bent_picture if file is self.bent else harmonics_picture, _depth(file.path, self.options)
+        paths = tuple(_of_texture(file.path, one.name) for one in bake.textures)
+        for path, one in zip(paths, bake.textures, strict=True):
+            pixels = make(one.baked, self.options, floats=depth in ("half", "float"))
+            write_image(outputs.path(path), pixels, depth)
+        return paths
 
     def _write_upright(self, outputs: Outputs, mesh: Path, texture: TextureBake, scratch: Path) -> Path:
         """Write the picture of the AO that the mesh refers to where a texture is inverted; return its path."""
@@ -245,6 +276,8 @@ def plan_bake(
     mesh_output: Output | None,
     report: Output | None,
     options: BakeOptions,
+    bent_normals: Output | None = None,
+    sh: Output | None = None,
 ) -> BakePlan:
     """Return where the files of a bake go.
 
@@ -299,7 +332,27 @@ def plan_bake(
     named = texture or mesh
     assert named is not None  # without any output there is a texture
     report_file = None if report is None else _File(output_path(report, f"{stem}_report.json", "report"), report)
-    return BakePlan(named.path.stem, texture, mesh, mesh_output, report_file, options)
+    wanted = {"bent_normals": (bent_normals, "bent.png"), "sh": (sh, "sh.exr")}
+    bent, harmonics = (_given_picture(given, f"{stem}_{ending}", name) for name, (given, ending) in wanted.items())
+    return BakePlan(named.path.stem, texture, mesh, mesh_output, report_file, bent, harmonics, options)
+
+
+def _given_picture(wanted: Output | None, default: str, argument: str) -> _File | None:
+    """Return the picture of directions that an argument names; raises UsageError for one that cannot hold them."""
+    if wanted is None:
+        return None
+    path = output_path(wanted, default, argument)
+    _check_known(path)
+    if argument == "sh" and path.suffix.lower() not in HARMONICS_EXTENSIONS:
+        raise ArgumentError(
+            argument, f"is {path}, which holds no four linear channels; use one of {', '.join(HARMONICS_EXTENSIONS)}"
+        )
+    return _File(path, wanted)
+
+
+def _depth(path: Path, options: BakeOptions) -> Depth:
+    """Return the bit depth of a picture of directions: that of the options where its format has it."""
+    return choose_bit_depth(path, options.bit_depth if options.bit_depth in BIT_DEPTHS[path.suffix.lower()] else "auto")
 
 
 def _given_mesh(wanted: Output, options: BakeOptions) -> _File | None:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aoprecalc.api.bake_scene import OpenedBake, bake_scene, prepare_scene
+from aoprecalc.api.bent_normals import scene_tangents
 from aoprecalc.api.vertex_ao import fit_to_texture
 from aoprecalc.errors import ArgumentError, counted
 from aoprecalc.io.formats.base import source_polygons
@@ -97,6 +98,14 @@ class BakedTextures:
     def named(self) -> tuple[tuple[str, Baked], ...]:
         """The names of the textures, and their bakes."""
         return tuple((texture.name, texture.baked) for texture in self.textures)
+
+    def tangents(self) -> Float32Array:
+        """Return the tangents of the faces that have a texture, (f, 3, 4) float32; see `scene_tangents`."""
+        tangents: Float32Array = np.zeros((len(self.whole.scene.faces), 3, 4), np.float32)
+        for texture in self.textures:
+            baked, faces = texture.baked, texture.faces
+            tangents[faces] = scene_tangents(baked.scene, baked.atlas, baked.normals)[faces]
+        return tangents
 
     def join(self, values: Sequence[Float32Array]) -> Float32Array:
         """Return values of the textures, each (height, width) or (height, width, channels), as one for `whole`."""

@@ -1,7 +1,8 @@
-"""Bent normals and spherical harmonics of a bake, from its visibility vectors.
+"""Bent normals and spherical harmonics of a bake, from its visibility vectors: as arrays, and as pictures.
 
 With the visibility vector C of a surface point, see `Integrand`: its bent normal is C / |C|, the mean direction from
-which light comes, and (AO, C) are its visibility in spherical harmonics of degree 1.
+which light comes, and (AO, C) are its visibility in spherical harmonics of degree 1. Pictures hold them in the space of
+the scene, in those of its parts, or tangent to the surface.
 """
 
 from dataclasses import dataclass
@@ -9,99 +10,177 @@ from typing import Self
 
 import numpy as np
 
+from aoprecalc.io.meshes import part_spaces
 from aoprecalc.mesh.surface import normalize
-from aoprecalc.options import BakeOptions
+from aoprecalc.mesh.tangents import corner_tangents
+from aoprecalc.options import BakeOptions, BentSpace
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, Samples, build_layout
 from aoprecalc.raster.resolve import finish, pad
-from aoprecalc.types import Baked, BoolArray, Float32Array, Int32Array, Texels
+from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
 
 _CLOSED = 1e-4  # length of a visibility vector up to which nothing is visible: the rest of the fit of the texture
 _REACH = 3  # texels from the surface: look-ups on it read no farther ones
 
 
-def bent_normals(baked: Baked, options: BakeOptions) -> Float32Array:
+def bent_normals(baked: Baked, options: BakeOptions, space: BentSpace = "world") -> Float32Array:
     """Return the bent normals of a bake that has visibility vectors, (height, width, 3) float32.
 
-    Unit vectors in the coordinates of the scene, padded and filled as the AO; the shading normal where nothing is
-    visible, 0 where nothing fills.
+    Unit vectors, padded and filled as the AO; the shading normal where nothing is visible, 0 where nothing fills.
     """
     texture = baked.texture
     assert texture.vectors is not None
     vectors = normalize(texture.vectors).astype(np.float32)
     closed = texture.known & (np.linalg.norm(texture.vectors, axis=-1) <= _CLOSED)
     if closed.any():
-        vectors[closed] = texel_normals(baked)[closed]
-    return normalize(_finish(baked, vectors, options)).astype(np.float32)
+        surface = TexelSurface.of(baked)
+        of_closed = closed.ravel()[surface.index]
+        vectors.reshape(-1, 3)[surface.index[of_closed]] = surface.normals()[of_closed]
+    return normalize(_finished(baked, vectors, options, space)).astype(np.float32)
 
 
-def spherical_harmonics(baked: Baked, options: BakeOptions) -> Float32Array:
+def spherical_harmonics(baked: Baked, options: BakeOptions, space: BentSpace = "world") -> Float32Array:
     """Return the AO and the visibility vectors of a bake that has these, (height, width, 4) float32."""
     assert baked.texture.vectors is not None
-    return np.concatenate([baked.texture.values[..., None], _finish(baked, baked.texture.vectors, options)], axis=-1)
+    vectors = _finished(baked, baked.texture.vectors, options, space)
+    return np.concatenate([baked.texture.values[..., None], vectors], axis=-1)
 
 
 DIRECTIONAL = bent_normals, spherical_harmonics  # what Python gets
+
+
+def bent_picture(baked: Baked, options: BakeOptions, *, floats: bool) -> Float32Array:
+    """Return the pixels of a picture of bent normals, (height, width, 3); of integers unless `floats`, in [0, 1]."""
+    vectors = _with_green(bent_normals(baked, options, options.bent_space), options)
+    return vectors if floats else encoded(vectors)
+
+
+def harmonics_picture(baked: Baked, options: BakeOptions, *, floats: bool) -> Float32Array:
+    """Return the pixels of a picture of spherical harmonics, (height, width, 4): the AO and the vector, see above."""
+    pixels = spherical_harmonics(baked, options, options.bent_space)
+    vectors = _with_green(pixels[..., 1:], options)
+    pixels[..., 1:] = vectors if floats else encoded(vectors)
+    return pixels
+
+
+def encoded(vectors: Float32Array) -> Float32Array:
+    """Return vectors in [-1, 1] as pictures of integers hold them, in [0, 1]: 0.5 v + 0.5."""
+    pictured: Float32Array = np.float32(0.5) * vectors + np.float32(0.5)
+    return pictured
+
+
+def _with_green(vectors: Float32Array, options: BakeOptions) -> Float32Array:
+    """Return vectors with the second component as it is (OpenGL, glTF), or with the other sign (DirectX)."""
+    return vectors if options.green == "up" else vectors * np.array((1.0, -1.0, 1.0), np.float32)
+
+
+def _finished(baked: Baked, vectors: Float32Array, options: BakeOptions, space: BentSpace) -> Float32Array:
+    """Return vectors of the known texels in a space, padded and filled as the AO."""
+    texture = baked.texture
+    if space != "world":
+        vectors = TexelSurface.of(baked).turned(vectors, space)
+    return finish(vectors, texture.known, texture.valid, options.padding, options.fill, repeats=baked.atlas.repeats)
+
+
+# The spaces of vectors.
+
+
+def scene_tangents(scene: Scene, atlas: Atlas, normals: Float32Array) -> Float32Array:
+    """Return the tangents that viewers of a glTF use, (f, 3, 4) float32, in the space of the scene.
+
+    They are those of the file; where it has none those of MikkTSpace, by the UVs of the normal map, else of the bake.
+    """
+    uvs, tangents = atlas.uvs.copy(), np.zeros((len(scene.faces), 3, 4), np.float32)
+    spaces = [part_spaces(scene, part) for part in scene.parts]
+    for part, space in zip(scene.parts, spaces, strict=True):
+        if part.uv_owner is not None:
+            uvs[part.faces] = atlas.uvs[scene.parts[part.uv_owner].faces]
+        if space.normal_map_uvs is not None:
+            uvs[part.faces] = space.normal_map_uvs
+    for part, space in zip(scene.parts, spaces, strict=True):
+        if space.tangents is not None:
+            tangents[part.faces] = space.tangents
+        else:
+            own = part.faces
+            tangents[own] = corner_tangents(scene.corners[own], normals[own], uvs[own])
+    return tangents
 
 
 @dataclass(frozen=True, eq=False)
 class TexelSurface:
     """The surface under the known texels of a texture: at their centre, or the nearest point of it in them.
 
-    known    (height, width) bool
-    index    (k,) int32: those of them that the surface covers, row * width + column
-    samples  of these texels
-    repeats  the texture repeats
+    index    (k,) int32: the texels, row * width + column
+    samples  of these texels; of the nearest one where the surface covers nothing of a texel
+    baked    the bake of the texture
     """
 
-    known: BoolArray
     index: Int32Array
     samples: Samples
-    repeats: bool
+    baked: Baked
 
     @classmethod
     def of(cls, baked: Baked) -> Self:
         """Find it by the rasterizer that needs no OpenGL."""
-        known = baked.texture.known
+        known, repeats = baked.texture.known, baked.atlas.repeats
         height, width = known.shape
         index = np.flatnonzero(known).astype(np.int32)
         layout = build_layout(baked.scene, baked.atlas, width, height)
         samples = CPURasterizer(layout).samples(Texels(width, height, index), CENTER)
-        covered = samples.faces >= 0
-        return cls(
-            known, index[covered], Samples(samples.faces[covered], samples.weights[covered]), baked.atlas.repeats
-        )
+        covered: BoolArray = np.zeros(known.shape, bool)
+        covered.ravel()[index] = samples.faces >= 0
+        rows: Int32Array = np.zeros(known.shape, np.int32)
+        rows.ravel()[index] = np.arange(len(index))
+        nearest, found = pad(rows, covered, _REACH, repeats=repeats)
+        index = index[found.ravel()[index]]
+        chosen = nearest.ravel()[index]
+        return cls(index, Samples(samples.faces[chosen], samples.weights[chosen]), baked)
 
-    def interpolated(self, corners: Float32Array) -> Float32Array:
-        """Return values at the corners of faces, (f, 3, c), at the known texels, (height, width, c); 0 elsewhere.
+    def interpolated(self, corners: Float32Array) -> Float64Array:
+        """Return values at the corners of faces, (f, 3, c), at the texels, (k, c)."""
+        values: Float64Array = np.einsum("kc,kcx->kx", self.samples.weights.astype(float), corners[self.samples.faces])
+        return values
 
-        Where the surface covers nothing of a known texel they are those of the nearest one.
+    def normals(self) -> Float64Array:
+        """Return the shading normals at the texels, (k, 3) unit vectors."""
+        return normalize(self.interpolated(self.baked.normals))
+
+    def turned(self, vectors: Float32Array, space: BentSpace) -> Float32Array:
+        """Return an image of vectors in the space of the scene, (height, width, 3), in another; their lengths stay."""
+        if space == "world":
+            return vectors
+        flat = vectors.reshape(-1, 3)
+        before = flat[self.index].astype(np.float64)
+        after = self._in_parts(before) if space == "object" else self._tangential(before)
+        turned: Float32Array = np.zeros_like(flat)
+        turned[self.index] = normalize(after) * np.linalg.norm(before, axis=1, keepdims=True)
+        return turned.reshape(vectors.shape)
+
+    def _in_parts(self, vectors: Float64Array) -> Float64Array:
+        """Return vectors as normals are stored: a viewer's normal matrix, the inverse transpose, gives them back."""
+        faces, weights, result = self.samples.faces, self.samples.weights, vectors.copy()
+        for part in self.baked.scene.parts:
+            linear = part_spaces(self.baked.scene, part).linear
+            own = np.flatnonzero((faces >= part.start) & (faces < part.stop))
+            if linear.ndim == 2:
+                result[own] = vectors[own] @ linear
+            else:
+                at_corners = linear[faces[own] - part.start]
+                result[own] = np.einsum("kc,kx,kcxy->ky", weights[own], vectors[own], at_corners)
+        return result
+
+    def _tangential(self, vectors: Float64Array) -> Float64Array:
+        """Return the coordinates of vectors in the basis that viewers such as three.js use.
+
+        Its columns are tangent, bitangent and normal, each interpolated between the corners and then normalised.
         """
-        values: Float32Array = np.zeros((self.known.size, corners.shape[2]), np.float32)
-        values[self.index] = np.einsum("kc,kcx->kx", self.samples.weights, corners[self.samples.faces])
-        covered: BoolArray = np.zeros(self.known.size, bool)
-        covered[self.index] = True
-        image = values.reshape(*self.known.shape, -1)
-        padded, _ = pad(image, covered.reshape(self.known.shape), _REACH, repeats=self.repeats)
-        return np.where(self.known[..., None], padded, np.float32(0))
-
-
-def texel_normals(baked: Baked) -> Float32Array:
-    """Return the shading normals of the known texels, (height, width, 3) float32 unit vectors; 0 elsewhere."""
-    return normalize(TexelSurface.of(baked).interpolated(baked.normals)).astype(np.float32)
-
-
-def _finish(baked: Baked, image: Float32Array, options: BakeOptions) -> Float32Array:
-    """Return an image of the known texels padded and filled as the AO."""
-    texture = baked.texture
-    return finish(image, texture.known, texture.valid, options.padding, options.fill, repeats=baked.atlas.repeats)
-
-
-def encoded(vectors: Float32Array, *, green_up: bool = True) -> Float32Array:
-    """Return (..., 3) vectors in [-1, 1] as pictures of integers hold them, in [0, 1]: 0.5 v + 0.5.
-
-    green_up   the second component is as it is, as in OpenGL and glTF; else it has the other sign, as in DirectX
-    """
-    signs: Float32Array = np.array((1.0, 1.0 if green_up else -1.0, 1.0), np.float32)
-    pictured: Float32Array = 0.5 * signs * vectors + np.float32(0.5)
-    return pictured
+        baked = self.baked
+        tangents = scene_tangents(baked.scene, baked.atlas, baked.normals)
+        bitangents = np.cross(baked.normals, tangents[..., :3]) * tangents[..., 3:]
+        columns = [self.interpolated(values) for values in (tangents[..., :3], bitangents)]
+        basis = np.stack([*map(normalize, columns), self.normals()], axis=2)
+        flat = np.abs(np.linalg.det(basis)) < 1e-6  # opposite tangents cancel: no viewer has a basis there
+        basis[flat] = np.eye(3)
+        coordinates: Float64Array = np.linalg.solve(basis, vectors[..., None])[..., 0].astype(np.float64)
+        coordinates[flat] = np.linalg.norm(vectors[flat], axis=1, keepdims=True) * (0, 0, 1)
+        return coordinates

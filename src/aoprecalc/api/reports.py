@@ -69,6 +69,7 @@ class BakeOutputs(Report):
 
     texture      None also where the texture is inside the mesh, a GLB; of several the first
     textures     all of them, in the order of `BakeReport.textures`
+    bent_normals, sh   pictures of the bent normals and of spherical harmonics, one for each texture, if asked for
     inverted     the texture holds the occlusion 1 - AO; the mesh refers to another picture, of the AO
     others       files that go with the mesh: .mtl, .bin, images
     figures      pictures of `--figures`, their sheet last
@@ -82,6 +83,8 @@ class BakeOutputs(Report):
     figures: tuple[str, ...] = ()
     references: tuple[AoReference, ...] = ()
     textures: tuple[str, ...] = ()
+    bent_normals: tuple[str, ...] = ()
+    sh: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from aoprecalc.api.reports import BakeReport
 
 
+_OUTPUTS = "output", "mesh_output", "report", "verify", "figures", "bent_normals", "sh"
+
+
 @click.command(
     cls=MeshCommand, many="aoprecalc batch MESH... -o build/", short_help="Bake an ambient-occlusion texture."
 )
@@ -48,6 +51,21 @@ if TYPE_CHECKING:
     "--report", metavar="FILE", group="Output", common=True, help="Write what was read, chosen and measured as JSON."
 )
 @option(
+    "--bent-normals",
+    metavar="PATH",
+    group="Output",
+    help="Write bent normals, the mean of the visible directions, as a picture ({images}), or into a folder.",
+    more="A folder gets `<stem>_bent.png`. Floats, as in EXR, hold the components n themselves, integers 0.5 n + 0.5.",
+)
+@option(
+    "--sh",
+    metavar="PATH",
+    group="Output",
+    help="Write visibility in spherical harmonics of degree 1, in four channels (.exr .tif .png), or into a folder.",
+    more="A folder gets `<stem>_sh.exr`. The first channel is the AO, the others are the vector C, in integers "
+    "0.5 C + 0.5: under the light L0 + L1.w from each direction w a point gets AO L0 + C.L1.",
+)
+@option(
     "--figures",
     metavar="DIR",
     group="Output",
@@ -67,7 +85,7 @@ def bake(mesh: str, **given: Any) -> None:
     from aoprecalc.io.outputs import json_text
 
     console = Console(quiet=given.pop("quiet"), verbose=given.pop("verbose"))
-    outputs = {name: given.pop(name) for name in ("output", "mesh_output", "report", "verify", "figures")}
+    outputs = {name: given.pop(name) for name in _OUTPUTS}
     as_json = given.pop("as_json")
     options, figure_options = take(BakeOptions, given), take(FigureOptions, given)
     if outputs["figures"] is None and figure_options.figure_direction is not None:
@@ -100,6 +118,9 @@ def bake(mesh: str, **given: Any) -> None:
     others = "".join(f" + {name}" for name in report.outputs.others)
     say(f"{files.mesh}{others}  {counted(report.input.triangles, 'triangle')}")
     say(_where(report))
+    for name, pictures in (("bent normals", report.outputs.bent_normals), ("spherical harmonics", report.outputs.sh)):
+        if pictures:
+            say(f"{' + '.join(pictures)}  {name}, {options.bent_space} space")
     if report.outputs.figures:
         say(f"{report.outputs.figures[-1]}  figures, and {len(report.outputs.figures) - 1} pictures beside it")
 

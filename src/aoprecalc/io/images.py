@@ -178,6 +178,8 @@ def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space:
     buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
     spec = buffer.specmod()
     spec.attribute("oiio:ColorSpace", space)
+    if space == "data":
+        spec.attribute("oiio:UnassociatedAlpha", 1)  # else PNG divides the others by a fourth channel
     suffix = Path(path).suffix.lower()
     if suffix in _DATED:
         spec.attribute("DateTime", _FIXED_DATE)

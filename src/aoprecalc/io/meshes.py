@@ -14,7 +14,7 @@ import numpy as np
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, UsageError, nearest
 from aoprecalc.io.formats.archives import ThreeMfFormat, UnpackedFormat, ZipFormat, as_packed, is_archive
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, PartSpaces, WrittenMesh
 from aoprecalc.io.formats.builder import ArraysFormat
 from aoprecalc.io.formats.collada import ColladaFormat
 from aoprecalc.io.formats.fbx import FbxFormat
@@ -169,6 +169,11 @@ def grouped(scene: Scene, part: Part, by: Literal["material", "mesh"]) -> tuple[
 def part_occlusion(scene: Scene, part: Part) -> PartOcclusion:
     """Return the occlusion texture of a part, and its UVs; raises InputError where the document is damaged."""
     return _scene_format(scene).occlusion_of(scene, part)
+
+
+def part_spaces(scene: Scene, part: Part) -> PartSpaces:
+    """Return how the spaces of a part lie in that of the scene; raises InputError where the document is damaged."""
+    return _scene_format(scene).spaces(scene, part)
 
 
 def check_mesh_extension(

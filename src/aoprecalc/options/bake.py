@@ -18,6 +18,8 @@ Normals = Literal["auto", "file", "smooth", "flat"]
 BitDepth = Literal["auto", "8", "16", "half", "float"]
 Instances = Literal["bake", "share"]
 Pack = Literal["none", "orm"]
+BentSpace = Literal["tangent", "object", "world"]
+Green = Literal["up", "down"]
 VertexAo = Literal["none", "attribute", "color"]
 Textures = Literal["one", "material", "mesh"]
 Backfaces = Literal["occlude", "ignore"]
@@ -300,6 +302,12 @@ class BakeOptions(_TextureSize, ValueOptions):
     bent_normals: Annotated[bool, _output(
         "Measure bent normals and spherical harmonics as well.",
         more="Files of a bake that hold them switch it on.", part_of="bent_normals")] = False
+    bent_space: Annotated[BentSpace, _texture(
+        "Space of bent normals and spherical harmonics: tangent to the surface, the part's own, or the world.",
+        more="tangent: the file's tangents, else those of MikkTSpace, which a glTF then gets. object: that of the glTF "
+        "node, before it is placed; world: that of the positions. Arrays in Python are in world.")] = "tangent"
+    green: Annotated[Green, _texture(
+        "Where the green of bent normals and spherical harmonics points: up (OpenGL, glTF) or down (DirectX).")] = "up"
     size: InitVar[Annotated[int | tuple[int, int] | Literal["auto"] | None, _texture(
         "Size of the texture in texels: one number for a square, width and height, or auto.", common=True,
         range=(1, _MAX_SIZE), unit="texels", quantity=TEXTURE_SIZE,

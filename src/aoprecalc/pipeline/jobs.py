@@ -31,6 +31,7 @@ class JobSpec:
     bake_output      file extensions as `aoprecalc bake -o` takes them: of an image, of a mesh, or both
     verify           measure the texture against ray tracing, for the report
     spheres_output   file extensions of the sphere set, each of which is written
+    bent_normals, sh   file extensions of the pictures of bent normals and of spherical harmonics; empty: none
     """
 
     bake: BakeOptions | None = None
@@ -38,6 +39,8 @@ class JobSpec:
     bake_output: tuple[str, ...] = (".png",)
     verify: bool = False
     spheres_output: tuple[str, ...] = (".json",)
+    bent_normals: str = ""
+    sh: str = ""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -233,6 +236,8 @@ def _run(job: Job, progress: JobProgress, make_visibility: VisibilityFactory) ->
                 job.mesh,
                 tuple(folder / f"{job.stem}_ao{suffix}" for suffix in spec.bake_output),
                 stem=job.stem,
+                bent_normals=folder / f"{job.stem}_bent{spec.bent_normals}" if spec.bent_normals else None,
+                sh=folder / f"{job.stem}_sh{spec.sh}" if spec.sh else None,
                 verify=spec.verify,
                 outputs=outputs,
                 make_visibility=make_visibility,
@@ -271,6 +276,8 @@ def _with_relative_paths(job: Job, report: BakeReport) -> BakeReport:
             texture=None if outputs.texture is None else Path(outputs.texture).name,
             textures=tuple(Path(texture).name for texture in outputs.textures),
             mesh=Path(outputs.mesh or "").name,
+            bent_normals=tuple(Path(picture).name for picture in outputs.bent_normals),
+            sh=tuple(Path(picture).name for picture in outputs.sh),
             others=tuple(Path(other).name for other in outputs.others),
         ),
         warnings=tuple(_with_user_paths(job, job.mesh.name, line) for line in report.warnings),

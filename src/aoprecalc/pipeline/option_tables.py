@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, defstruct
 
-from aoprecalc.api.bake_files import plan_bake
+from aoprecalc.api.bake_files import HARMONICS_EXTENSIONS, plan_bake
 from aoprecalc.errors import ArgumentError, UsageError, nearest
 from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
@@ -51,6 +51,11 @@ def _extensions(known: tuple[str, ...], several: str) -> Any:
     return Annotated[Literal[known] | list[Literal[known]], Meta(description=description)]  # type: ignore[valid-type]
 
 
+def _extension(known: tuple[str, ...]) -> Any:
+    """Return the type of a key that is an extension."""
+    return Annotated[Literal[known], Meta(description=f"one of {', '.join(known)}")]
+
+
 def _table_type(name: str, kind: type, **others: Any) -> type[Struct]:
     """Return the type of a table with the options of a class, and with others; what it does not give is UNSET."""
     types = {field.name: _type_of(field) for field in option_fields(kind) if not field.option.part_of} | others
@@ -65,6 +70,8 @@ _BakeTable = _table_type(
     BakeOptions,
     output=_extensions(_BAKE_OUTPUTS, "an image's and a mesh's"),
     verify=_SWITCH,
+    bent_normals=_extension(IMAGE_EXTENSIONS),
+    sh=_extension(HARMONICS_EXTENSIONS),
 )
 _SphereTable = _table_type("_SphereTable", SphereOptions, output=_extensions(SPHERE_EXTENSIONS, "several"))
 _EXPECTED_TABLE = Meta(description="a table of its options, true or false")
@@ -106,7 +113,10 @@ def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
         rest = dict(bake)
         made["bake_output"] = _suffixes(rest.pop("output", JobSpec.bake_output), _BAKE_OUTPUTS)
         made["verify"] = rest.pop("verify", JobSpec.verify)
-        made["bake"] = BakeOptions(**rest)
+        for name, known in (("bent_normals", IMAGE_EXTENSIONS), ("sh", HARMONICS_EXTENSIONS)):
+            if name in rest:
+                made[name] = _suffixes(rest.pop(name), known)[0]
+        made["bake"] = BakeOptions(**rest, bent_normals="bent_normals" in made or "sh" in made)
         plan_bake("", tuple(f"<name>_ao{suffix}" for suffix in made["bake_output"]), None, None, made["bake"])
     if spheres is not None:
         if len(counts := sorted(COUNTS & spheres.keys())) > 1:

@@ -179,6 +179,8 @@ def reproduce_commands(result: AssetResult) -> list[str]:
         words = as_words(spec.bake)
         words += _output_words(f"{stem}_ao", spec.bake_output, JobSpec.bake_output)
         words += ["--verify"] if spec.verify else []
+        words += ["--bent-normals", f"{stem}_bent{spec.bent_normals}"] if spec.bent_normals else []
+        words += ["--sh", f"{stem}_sh{spec.sh}"] if spec.sh else []
         lines.append(shlex.join(["aoprecalc", "bake", *words, *arguments]))
     if spec.spheres is not None:
         words = as_words(spec.spheres)

@@ -130,6 +130,8 @@ def spec_key(asset: Asset, output: Path) -> str:
                 spec.bake_output,
                 spec.verify,
                 spec.spheres_output,
+                spec.bent_normals,
+                spec.sh,
             ],
             # results refer to the mesh and to files beside it by paths relative to their own folder
             "way": path_from(asset.mesh.parent, output / asset.folder),

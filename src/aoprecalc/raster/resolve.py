@@ -12,8 +12,10 @@ gives a value to each texel that a look-up on the surface can read, covered or n
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from aoprecalc.options import Fill
@@ -25,6 +27,8 @@ from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, T
 _PRIOR = 1.0
 _PRECISION = 1e-3  # of the solution: the residual over the first one
 _MAX_STEPS = 40
+
+_Texel = TypeVar("_Texel", bound=np.generic)
 
 _OFFSET_TOLERANCE = 2.5e-7  # of the image's side: two roundings of a position in 32 bits
 
@@ -326,8 +330,8 @@ def finish(
 
 
 def pad(
-    image: Float32Array, valid: BoolArray, distance: int, *, repeats: bool = False
-) -> tuple[Float32Array, BoolArray]:
+    image: NDArray[_Texel], valid: BoolArray, distance: int, *, repeats: bool = False
+) -> tuple[NDArray[_Texel], BoolArray]:
     """Dilate valid texels by `distance` texels; returns the image and the mask of all texels that now have a value.
 
     image   (height, width) or (height, width, channels)
@@ -338,7 +342,7 @@ def pad(
     height, width = valid.shape
     sides = (min(distance, height), min(distance, width)) if repeats else (0, 0)
     margin = [(side, side) for side in sides]
-    source: Float32Array = np.pad(image, margin + [(0, 0)] * (image.ndim - 2), mode="wrap")
+    source: NDArray[_Texel] = np.pad(image, margin + [(0, 0)] * (image.ndim - 2), mode="wrap")
     mask: BoolArray = np.pad(valid, margin, mode="wrap")
     result, known = np.zeros_like(source), np.zeros_like(mask)
     for start in range(0, len(source), _BAND_ROWS):

@@ -19,7 +19,7 @@ from zipfile import BadZipFile, ZipFile, ZipInfo, is_zipfile
 import numpy as np
 
 from aoprecalc.errors import InputError, UsageError, counted
-from aoprecalc.io.formats.base import MeshFormat, PartOcclusion
+from aoprecalc.io.formats.base import MeshFormat, PartOcclusion, PartSpaces
 from aoprecalc.io.formats.builder import MeshPiece, build_scene, damaged_file
 from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.progress import Note
@@ -194,6 +194,10 @@ class UnpackedFormat(MeshFormat):
     def grouped(self, scene: Scene, part: Part, by: Literal["material", "mesh"]) -> tuple[Hashable, str]:
         """Ask the inner format."""
         return self._inner.grouped(scene, part, by)
+
+    def spaces(self, scene: Scene, part: Part) -> PartSpaces:
+        """Ask the inner format."""
+        return self._inner.spaces(scene, part)
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Ask the inner format."""

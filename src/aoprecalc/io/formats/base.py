@@ -54,6 +54,7 @@ class MeshWithAo:
     options   those that define the value, to be written beside it; None for none
     strength  of the occlusion, 0 to 1, where the format has one
     vertices  the values at the vertices; None: they are not to be written
+    tangents  (f, 3, 4) float32, in the space of the scene, for parts that have none; None: they are not to be written
     """
 
     scene: Scene
@@ -63,6 +64,7 @@ class MeshWithAo:
     options: ValueOptions | None = None
     strength: float = 1.0
     vertices: VertexOcclusion | None = None
+    tangents: Float32Array | None = None
 
     @cached_property
     def owners(self) -> Int64Array:
@@ -145,6 +147,20 @@ class PartOcclusion:
     strength: float = 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class PartSpaces:
+    """How the space of a part, and those tangent to it, lie in that of the scene.
+
+    linear          from its own space, (3, 3), or (n, 3, 3, 3) at its corners
+    tangents        (n, 3, 4) at its corners, the last is the sign of the bitangent; None: the file has none
+    normal_map_uvs  (n, 3, 2) at its corners, v upwards: those of its normal map; None without one
+    """
+
+    linear: Float64Array = field(default_factory=lambda: np.eye(3))
+    tangents: Float64Array | None = None
+    normal_map_uvs: Float64Array | None = None
+
+
 class MeshFormat(ABC):
     """Reads one kind of mesh file and, optionally, writes it with the results of a bake.
 
@@ -157,6 +173,7 @@ class MeshFormat(ABC):
     holds_options  the file says how its texture was baked, even where the texture does not
     has_strength   the file says how strong its occlusion is
     holds_vertex_ao   the vertices can have the values of a bake
+    holds_tangents    they can have tangents
     holds_textures    its materials can have different baked textures
     """
 
@@ -169,6 +186,7 @@ class MeshFormat(ABC):
     holds_options: ClassVar[bool] = False
     has_strength: ClassVar[bool] = False
     holds_vertex_ao: ClassVar[bool] = False
+    holds_tangents: ClassVar[bool] = False
     holds_textures: ClassVar[bool] = False
 
     @abstractmethod
@@ -223,6 +241,10 @@ class MeshFormat(ABC):
         """Return what tells the material, or the mesh, of a part from others, and its name; empty where it has none."""
         name = part_material(part) if by == "material" else part.name
         return name, name or ""
+
+    def spaces(self, scene: Scene, part: Part) -> PartSpaces:
+        """Return how the spaces of a part lie in that of the scene; raises InputError where the document is damaged."""
+        return PartSpaces()
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusion texture of a part, and its UVs; raises InputError where the document is damaged."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from aoprecalc.errors import AoprecalcError
-from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
+from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, PartSpaces, WrittenMesh
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.files import ColorImages
 from aoprecalc.io.formats.gltf.animation import posed_document
@@ -15,6 +15,7 @@ from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
 from aoprecalc.io.formats.gltf.materials import base_color
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
 from aoprecalc.io.formats.gltf.reader import part_mesh, part_primitive, read_gltf, read_posed
+from aoprecalc.io.formats.gltf.vertices import part_spaces
 from aoprecalc.io.formats.gltf.writer import write_gltf
 from aoprecalc.io.outputs import Outputs
 from aoprecalc.types import BaseColor, Part, Scene
@@ -26,7 +27,7 @@ class GltfFormat(MeshFormat):
     name = "glTF"
     extensions = (".gltf", ".glb", ".vrm")
     writes = packs_orm = alpha = holds_options = has_strength = True
-    holds_vertex_ao = holds_textures = True
+    holds_vertex_ao = holds_textures = holds_tangents = True
     one_uv_set = False
 
     def sniff(self, data: bytes) -> bool:
@@ -70,6 +71,11 @@ class GltfFormat(MeshFormat):
             primitive, kind = part_primitive(document, part), "materials" if by == "material" else "meshes"
             index: int = primitive.get("material", -1) if by == "material" else part_mesh(part)
             return index, document.entry(kind, index).get("name", "") if index >= 0 else ""
+
+    def spaces(self, scene: Scene, part: Part) -> PartSpaces:
+        """Return the transform of the part's node, its tangents, and the UVs of its normalTexture."""
+        with _damage_told(scene):
+            return part_spaces(_document(scene), scene, part)
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusionTexture of the part's material."""

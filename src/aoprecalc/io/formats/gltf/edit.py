@@ -19,8 +19,10 @@ from aoprecalc.io.formats.gltf.reader import PrimitiveSource, morph_weights
 from aoprecalc.io.formats.gltf.references import GltfBuffer, numbers_of_unknown_extensions, unknown_extensions
 from aoprecalc.io.formats.gltf.vertices import (
     OUTLINE,
+    TANGENT,
     flip_v,
     local_normals,
+    local_tangents,
     move_outline,
     name_features,
     perpendicular,
@@ -48,7 +50,7 @@ def edit_document(
     receiving = [part if part.receives else None for part in scene.parts]
     changed_normals = {part for part in filter(None, receiving) if _normals_differ(document, scene, part, normals)}
     all_kept = all(texture.atlas.uv_set is not None for texture in mesh.textures)
-    if all_kept and not changed_normals and vertices is None:
+    if all_kept and not changed_normals and vertices is None and mesh.tangents is None:
         keys = _separate_meshes(json, scene.parts, receiving, separate=False)
         buffer, slots = _carry_views(document, json, set(), set()), dict[PrimitiveKey, BakedSlot]()
         first = dict[PrimitiveKey, Part]()
@@ -82,6 +84,10 @@ def edit_document(
         if vertices is not None:
             added |= vertex_attribute(vertices, part.faces, original["attributes"])
         new_normals = normals[part.faces] if part in changed_normals else None
+        if mesh.tangents is not None and TANGENT not in original["attributes"]:
+            added[TANGENT] = local_tangents(_source(part), part, mesh.tangents[part.faces])
+            if "NORMAL" not in original["attributes"]:
+                new_normals = normals[part.faces]
         primitive, triangles = _rewrite(document, buffer, part, original, added, new_normals)
         json["meshes"][key[0]]["primitives"][key[1]] = primitive
         slots |= dict(_assign_slots(json, buffer, mesh, part, key, triangles, new_set))
@@ -179,10 +185,10 @@ def _rewrite(
     source, values = _source(part), dict[str, Any](new_values)
     if normals is not None:
         values["NORMAL"] = local_normals(source, part, normals)
-        if "TANGENT" in original["attributes"]:
-            tangents = float_values(document, original["attributes"]["TANGENT"])
+        if TANGENT in original["attributes"]:
+            tangents = float_values(document, original["attributes"][TANGENT])
             check_indices(document.path, part.vertices, len(tangents))
-            values["TANGENT"] = perpendicular(tangents[part.vertices], values["NORMAL"])
+            values[TANGENT] = perpendicular(tangents[part.vertices], values["NORMAL"])
     split = corners_to_vertices(part.vertices, *values.values())
     vertices = part.vertices.reshape(-1)[split.corner]
 

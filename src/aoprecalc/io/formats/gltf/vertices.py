@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import counted, one_or_many
-from aoprecalc.io.formats.base import VertexOcclusion
-from aoprecalc.io.formats.gltf.document import GltfDocument, Json, raw_values
-from aoprecalc.io.formats.gltf.reader import PrimitiveSource
+from aoprecalc.io.formats.base import PartSpaces, VertexOcclusion
+from aoprecalc.io.formats.builder import check_indices
+from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values, raw_values
+from aoprecalc.io.formats.gltf.materials import TextureUse
+from aoprecalc.io.formats.gltf.reader import PrimitiveSource, part_primitive
 from aoprecalc.io.formats.gltf.references import GltfBuffer
-from aoprecalc.types import Float32Array, Float64Array, Part
+from aoprecalc.mesh.surface import normalize
+from aoprecalc.types import Float32Array, Float64Array, Part, Scene
 
-COLOR, OCCLUSION = "COLOR_0", "_AO"
+COLOR, OCCLUSION, TANGENT = "COLOR_0", "_AO", "TANGENT"
 FEATURES, OUTLINE = "EXT_mesh_features", "CESIUM_primitive_outline"
 
 
@@ -60,6 +63,33 @@ def local_normals(source: PrimitiveSource, part: Part, normals: Float32Array) ->
     local = np.einsum("...ij,...i->...j", linear, normals.astype(np.float64))
     lengths = np.linalg.norm(local, axis=2, keepdims=True)
     return np.where(lengths > 0, local / np.where(lengths > 0, lengths, 1), normals).astype(np.float32)
+
+
+def local_tangents(source: PrimitiveSource, part: Part, tangents: Float32Array) -> Float32Array:
+    """Transform world tangents, (n, 3, 4), to the primitive's space; their signs stay."""
+    linear = source.linear[part.vertices] if source.linear.ndim == 3 else source.linear
+    local = np.einsum("...ij,...j->...i", np.linalg.pinv(linear), tangents[..., :3].astype(np.float64))
+    units = np.where(np.linalg.norm(local, axis=2, keepdims=True) > 0, normalize(local), tangents[..., :3])
+    return np.concatenate([units, tangents[..., 3:]], axis=2).astype(np.float32)
+
+
+def part_spaces(document: GltfDocument, scene: Scene, part: Part) -> PartSpaces:
+    """Return the transform of a part's node, its tangents in the scene, and the UVs of its normalTexture."""
+    source, primitive = part.source, part_primitive(document, part)
+    assert isinstance(source, PrimitiveSource)  # the reader made it
+    linear = source.linear[part.vertices] if source.linear.ndim == 3 else source.linear
+    tangents = uvs = None
+    if {"NORMAL", TANGENT} <= primitive["attributes"].keys():
+        values = float_values(document, primitive["attributes"][TANGENT])
+        check_indices(document.path, part.vertices, len(values))
+        local = values[part.vertices]
+        world = normalize(np.einsum("...ij,...j->...i", linear, local[..., :3]))
+        tangents = np.concatenate([world, local[..., 3:]], axis=2)
+    material = document.entry("materials", primitive["material"]) if "material" in primitive else {}
+    if "normalTexture" in material:
+        use = TextureUse.of(material["normalTexture"])
+        uvs = scene.uv_sets[use.texcoord][part.faces] if use.texcoord < len(scene.uv_sets) else None
+    return PartSpaces(linear, tangents, uvs)
 
 
 def name_features(buffer: GltfBuffer, primitive: Json, vertices: NDArray[Any]) -> None:

@@ -43,7 +43,7 @@ from aoprecalc.io.formats.gltf.occlusion_textures import (
     texture_info,
 )
 from aoprecalc.io.formats.gltf.references import GltfBuffer, compact, release_references, unknown_extensions
-from aoprecalc.io.formats.gltf.vertices import flip_v, kept_colors, vertex_attribute
+from aoprecalc.io.formats.gltf.vertices import TANGENT, flip_v, kept_colors, vertex_attribute
 from aoprecalc.io.formats.textures import MaterialUse, material_names, material_uses
 from aoprecalc.io.images import read_image
 from aoprecalc.io.outputs import Outputs
@@ -90,7 +90,9 @@ def new_document(mesh: MeshWithAo) -> tuple[Json, GltfBuffer, dict[PrimitiveKey,
         own, new = scene.uv_sets[:1], [mesh.uvs] if baked and mesh.textures[use[1]].atlas.uv_set != 0 else []
         uv_sets = [*own, *new] if material.pictured else [*new, *own]
         ao = mesh.vertices if baked else None
-        primitive = _primitive(buffer, scene, origin, parts, normals if baked else scene.normals, uv_sets, colors, ao)
+        tangents = mesh.tangents if baked else None
+        own_normals = normals if baked else scene.normals
+        primitive = _primitive(buffer, scene, origin, parts, own_normals, tangents, uv_sets, colors, ao)
         if baked:
             slots[len(json["meshes"]), 0] = BakedSlot(use[1], len(own) if new and material.pictured else 0)
         json["scenes"][0]["nodes"].append(len(json["nodes"]))
@@ -125,6 +127,7 @@ def _primitive(
     origin: Float64Array,
     parts: Sequence[Part],
     normals: Float32Array | None,
+    tangents: Float32Array | None,
     uv_sets: Sequence[Float64Array],
     colors: Float32Array | None,
     vertices: VertexOcclusion | None,
@@ -132,6 +135,7 @@ def _primitive(
     """Return a primitive of the faces of some parts, about an origin; the other values are those of all faces."""
     faces = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     values = {} if normals is None else {"NORMAL": normals[faces]}
+    values |= {} if tangents is None else {TANGENT: tangents[faces]}
     values |= {f"TEXCOORD_{number}": flip_v(uvs[faces]) for number, uvs in enumerate(uv_sets)}
     values |= {} if colors is None else {"COLOR_0": colors[faces]}
     values |= {} if vertices is None else vertex_attribute(vertices, faces, values)
