@@ -157,7 +157,7 @@ def test_the_command_line_and_the_report(tmp_path, command):
 
 def test_what_cannot_be_written_is_said_before_the_work(tmp_path):
     result = ao.bake(ao.Mesh(*ball(1)), ao.BakeOptions(size=32, directions=16))
-    with pytest.raises(ao.UsageError, match=r"bent_normals needs a bake with BakeOptions\(bent_normals=True\)"):
+    with pytest.raises(ao.UsageError, match=r"bent_normals and sh need a bake with BakeOptions\(bent_normals=True\)"):
         result.save(tmp_path / "ball.png", bent_normals=tmp_path / "bent.png")
     result = ao.bake(ao.Mesh(*ball(1)), ao.BakeOptions(size=32, directions=16, bent_normals=True))
     with pytest.raises(ao.UsageError, match="holds no four linear channels"):

@@ -103,8 +103,7 @@ class BakeResult:
         report : str or path-like, optional
             A JSON file for the report, or a folder.
         bent_normals, sh : str or path-like, optional
-            Pictures of the bent normals and of spherical harmonics ({images}), or folders; the bake has them with the
-            option `bent_normals`.
+            Pictures of the bent normals and of spherical harmonics ({images}), where the options ask for these.
         progress : Progress, optional
             Receives warnings about what the mesh's format cannot hold.
 
@@ -120,9 +119,8 @@ class BakeResult:
         OutputError
             If a file cannot be written.
         """
-        if not self._options.bent_normals and (bent_normals is not None or sh is not None):
-            wanted = "sh" if bent_normals is None else "bent_normals"
-            raise ArgumentError(wanted, "needs a bake with BakeOptions(bent_normals=True); bake again")
+        if not self._options.bent_normals and not (bent_normals is sh is None):
+            raise ArgumentError("bent_normals", "and sh need a bake with BakeOptions(bent_normals=True); bake again")
         plan = plan_bake(self.mesh.name, output, mesh_output, report, self._options, bent_normals, sh)
         scene = self._baked.scene
         with Outputs() as outputs, TemporaryDirectory() as scratch:

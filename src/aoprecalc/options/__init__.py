@@ -28,7 +28,6 @@ from aoprecalc.options.bake import (  # fmt: skip
     Unwrap,
     Up,
     ValueOptions,
-    VerifyOptions,
     VertexAo,
     Weight,
 )
@@ -44,6 +43,7 @@ from aoprecalc.options.others import (  # fmt: skip
     Ship,
     SphereOptions,
     SpheresView,
+    VerifyOptions,
 )
 
 __all__ = [

@@ -1,12 +1,12 @@
-"""Options of `bake` and `verify`: what the value is, and the texture that holds it."""
+"""Options of `bake`: what the value is, and the texture that holds it."""
 
 import re
-from dataclasses import InitVar, dataclass, replace
+from dataclasses import InitVar, dataclass
 from functools import partial
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.fields import Option, Validated, documented, option_field, option_fields
+from aoprecalc.options.fields import Option, Validated, documented, option_field
 from aoprecalc.options.quantities import AUTO, BYTES, LIMIT, NONE, SHADOW_SIZE, TEXTURE_SIZE
 
 Sampling = Literal["fibonacci", "random"]
@@ -41,7 +41,6 @@ _run = partial(Option, group="Run")
 _scene = partial(Option, group="Scene")
 _texture = partial(Option, group="Texture")
 _detail = partial(Option, group="High to low")
-_measurement = partial(Option, group="Measurement")
 _output = partial(Option, group="Output")
 
 # fmt: off
@@ -331,78 +330,3 @@ class BakeOptions(_TextureSize, ValueOptions):
         if (self.width == 0) != (self.height == 0):
             name = "width" if self.width == 0 else "height"
             raise ArgumentError(name, f"is 0; expected a whole number from 1 to {_MAX_SIZE}")
-
-
-@documented
-@dataclass(frozen=True)
-class VerifyOptions(Validated):
-    """How to measure a texture against ray tracing.
-
-    None is *as baked*: what the texture's file says of its bake, and the default of `BakeOptions` where it says
-    nothing, as that of another program.
-    """
-
-    points: Annotated[int, _measurement("Points, uniform by area on the surface.", range=(1, 10_000_000))] = 20_000
-    rays: Annotated[int, _measurement(
-        "Rays from each point.", range=(64, 1_000_000),
-        more="They are stratified in a square grid, so the number is rounded up to a square; 2304 leave a "
-        "noise of about 0.002.")] = 48 * 48
-    seed: Annotated[int, _measurement("Seed of the points and the rays.", range=(0, 2**32 - 1))] = 0
-    estimator: EstimatorField | None = None
-    max_distance: MaxDistanceField | None = None
-    falloff: FalloffField | None = None
-    cone: ConeField | None = None
-    weight: WeightField | None = None
-    normals: NormalsField | None = None
-    crease_angle: CreaseAngleField | None = None
-    pose: PoseField | None = None
-    high: HighField | None = None
-    cage: CageField | None = None
-    match: MatchField | None = None
-    tolerance: Annotated[float | None, _measurement(
-        "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", common=True, range=(0, 1),
-        metavar="E", default_text="any error passes", more="The outputs stay.")] = None
-    threads: ThreadsField = 0
-    only: OnlyField | None = None
-    exclude: ExcludeField | None = None
-    occluders_only: OccludersOnlyField | None = None
-    occluder: OccluderField | None = None
-    glass_occludes: GlassOccludesField | None = None
-    all_parts: AllPartsField | None = None
-    two_sided: TwoSidedField | None = None
-    sky: SkyField | None = None
-    backfaces: BackfacesField | None = None
-    ground: GroundField | None = None
-    ground_height: GroundHeightField | None = None
-    up: UpField | None = None
-
-    def value_options(self, baked: ValueOptions | None = None) -> ValueOptions:
-        """Return what the texture should hold: the options given here, else those of its bake, else the defaults.
-
-        Parameters
-        ----------
-        baked : ValueOptions or None
-            The options of the bake; None where they are not known.
-
-        Returns
-        -------
-        ValueOptions
-
-        Raises
-        ------
-        ArgumentError
-            If together they contradict each other.
-        """
-        names = [field.name for field in option_fields(ValueOptions) if hasattr(self, field.name)]
-        given = {name: value for name in names if (value := getattr(self, name)) is not None}
-        if given.get("high") == ():
-            given = {"cage": "auto", "match": "name"} | given
-        value = baked or ValueOptions()
-        if given.get("ground") is False:
-            given = {"ground_height": None} | given
-        if given.get("max_distance") == NONE:
-            given = {"falloff": "none"} | given
-        if {"ground", "sky"} & given.keys() and "up" not in given:
-            lit = replace(value, up="auto", **given)
-            return replace(lit, up=value.up) if lit.has_up else lit
-        return replace(value, **given)

@@ -1,14 +1,43 @@
-"""Options of `spheres`, `compare`, `preview` and `batch`."""
+"""Options of `spheres`, `compare`, `preview`, `batch` and `verify`."""
 
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
-from aoprecalc.options.bake import Backend, ThreadsField, Up, check_pose
-from aoprecalc.options.fields import Option, Validated, documented, option_field
-from aoprecalc.options.quantities import BYTES, LEVELS, SIZE, VECTOR
+from aoprecalc.options.bake import (
+    AllPartsField,
+    Backend,
+    BackfacesField,
+    CageField,
+    ConeField,
+    CreaseAngleField,
+    EstimatorField,
+    ExcludeField,
+    FalloffField,
+    GlassOccludesField,
+    GroundField,
+    GroundHeightField,
+    HighField,
+    MatchField,
+    MaxDistanceField,
+    NormalsField,
+    OccluderField,
+    OccludersOnlyField,
+    OnlyField,
+    PoseField,
+    SkyField,
+    ThreadsField,
+    TwoSidedField,
+    Up,
+    UpField,
+    ValueOptions,
+    WeightField,
+    check_pose,
+)
+from aoprecalc.options.fields import Option, Validated, documented, option_field, option_fields
+from aoprecalc.options.quantities import BYTES, LEVELS, NONE, SIZE, VECTOR
 
 Radius = Literal["mean", "uniform", "cover"]
 Init = Literal["first", "kmeans++"]
@@ -234,3 +263,78 @@ class BatchOptions(Validated):
                 "scheduler",
                 name,
             )
+
+
+@documented
+@dataclass(frozen=True)
+class VerifyOptions(Validated):
+    """How to measure a texture against ray tracing.
+
+    None is *as baked*: what the texture's file says of its bake, and the default of `BakeOptions` where it says
+    nothing, as that of another program.
+    """
+
+    points: Annotated[int, _measurement("Points, uniform by area on the surface.", range=(1, 10_000_000))] = 20_000
+    rays: Annotated[int, _measurement(
+        "Rays from each point.", range=(64, 1_000_000),
+        more="They are stratified in a square grid, so the number is rounded up to a square; 2304 leave a "
+        "noise of about 0.002.")] = 48 * 48
+    seed: Annotated[int, _measurement("Seed of the points and the rays.", range=(0, 2**32 - 1))] = 0
+    estimator: EstimatorField | None = None
+    max_distance: MaxDistanceField | None = None
+    falloff: FalloffField | None = None
+    cone: ConeField | None = None
+    weight: WeightField | None = None
+    normals: NormalsField | None = None
+    crease_angle: CreaseAngleField | None = None
+    pose: PoseField | None = None
+    high: HighField | None = None
+    cage: CageField | None = None
+    match: MatchField | None = None
+    tolerance: Annotated[float | None, _measurement(
+        "Largest RMS error at full resolution that passes; beyond it the exit code is 1.", common=True, range=(0, 1),
+        metavar="E", default_text="any error passes", more="The outputs stay.")] = None
+    threads: ThreadsField = 0
+    only: OnlyField | None = None
+    exclude: ExcludeField | None = None
+    occluders_only: OccludersOnlyField | None = None
+    occluder: OccluderField | None = None
+    glass_occludes: GlassOccludesField | None = None
+    all_parts: AllPartsField | None = None
+    two_sided: TwoSidedField | None = None
+    sky: SkyField | None = None
+    backfaces: BackfacesField | None = None
+    ground: GroundField | None = None
+    ground_height: GroundHeightField | None = None
+    up: UpField | None = None
+
+    def value_options(self, baked: ValueOptions | None = None) -> ValueOptions:
+        """Return what the texture should hold: the options given here, else those of its bake, else the defaults.
+
+        Parameters
+        ----------
+        baked : ValueOptions or None
+            The options of the bake; None where they are not known.
+
+        Returns
+        -------
+        ValueOptions
+
+        Raises
+        ------
+        ArgumentError
+            If together they contradict each other.
+        """
+        names = [field.name for field in option_fields(ValueOptions) if hasattr(self, field.name)]
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if given.get("high") == ():
+            given = {"cage": "auto", "match": "name"} | given
+        value = baked or ValueOptions()
+        if given.get("ground") is False:
+            given = {"ground_height": None} | given
+        if given.get("max_distance") == NONE:
+            given = {"falloff": "none"} | given
+        if {"ground", "sky"} & given.keys() and "up" not in given:
+            lit = replace(value, up="auto", **given)
+            return replace(lit, up=value.up) if lit.has_up else lit
+        return replace(value, **given)
