@@ -1,5 +1,6 @@
 """Bakes in poses of an animation, against bakes of meshes that stand so, and against rays."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -168,6 +169,20 @@ def test_what_is_written_keeps_its_rest_pose_and_its_animation(lidded, tmp_path)
     opened = [with_poses(scene, ValueOptions(pose=("open@1",))).poses["open@1"] for scene in (posed, plain)]
     assert np.array_equal(opened[0].corners, opened[1].corners)
     assert not np.array_equal(opened[0].corners, posed.corners)
+
+
+def test_poses_go_along_to_other_processes(lidded):
+    """As on a cluster: pickled inputs without the document give the same texture."""
+
+    class Elsewhere(LocalVisibility):
+        def __init__(self, setup, side, *rest):
+            inputs = replace(setup.inputs, scene=replace(setup.inputs.scene, document=None))
+            there = BakeSetup(setup.backend, pickle.loads(pickle.dumps(inputs)))
+            super().__init__(there, there.sides[setup.sides.index(side)], *rest)
+
+    options = BakeOptions(size=64, directions=64, unwrap="keep", backend="ray", pose=("open@0.5", "open@1"))
+    here, there = (bake_scene(lidded[0], options, make_visibility=made) for made in (LocalVisibility, Elsewhere))
+    assert np.array_equal(here.texture.values, there.texture.values)
 
 
 def test_pictures_show_a_pose(lidded, tmp_path):
