@@ -199,6 +199,20 @@ def several_textures(folder: Path) -> Picture:
     return contact_sheet(cells, 3)
 
 
+def high_to_low(_: Path) -> Picture:
+    """A ball with studs, a plain one, and that with the ambient occlusion of the studs."""
+    detailed, simple = picture_meshes.studded(6, 0.08), picture_meshes.studded(3, 0.0)
+    bakes = [baked(detailed), baked(simple), ao.bake(simple, ao.BakeOptions(directions=DIRECTIONS), high=[detailed])]
+    views = [drawn(result, shading="ao") for result in bakes]
+    names = (
+        f"detailed: {len(detailed.faces):,} triangles",
+        f"simple: {len(simple.faces):,} triangles",
+        "simple, with the AO of the detailed mesh",
+        "its texture",
+    )
+    return contact_sheet(list(zip([*views, gray(bakes[-1].ao)], names, strict=True)), 2)
+
+
 def ground_height(folder: Path) -> Picture:
     """The statue on the ground, above it, and in it."""
     options = {"ground": True, "max_distance": "40%", "falloff": "smooth", "size": 512}
@@ -453,8 +467,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, several_textures, ground_height, backfaces, surroundings, poses, vertex_values,
-            sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, several_textures, high_to_low, ground_height, backfaces, surroundings, poses,
+            vertex_values, sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
 
 
 def main() -> None:

@@ -16,6 +16,8 @@ FLOOR = [(12, 42), (54, 18), (64, 30), (62, 41), (56, 50), (47, 56), (35, 59), (
 WALL = [(74, 61), (78, 12), (86, 25), (85, 48)]
 LEAN = np.radians(60)  # angle between floor and wall
 
+STUDS, STUD_RADIUS = 80, 0.14  # of `studded`; radians
+
 
 def leaning_wall() -> ao.Mesh:
     """Make the mesh of borders.png, whose faces have the size of their charts."""
@@ -43,6 +45,19 @@ def inside_out() -> trimesh.Trimesh:
     ring = trimesh.creation.torus(0.60, 0.30, major_sections=128, minor_sections=64)
     ring.invert()
     return ring
+
+
+def studded(divisions: int, height: float) -> ao.Mesh:
+    """Make a ball with round studs of a height, and a groove around each: both meshes of high-to-low.png."""
+    ball = trimesh.creation.icosphere(divisions)
+    turns = np.arange(STUDS)
+    z = 1 - (2 * turns + 1) / STUDS
+    angle = turns * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - z**2)
+    studs = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    away = np.arccos(np.clip(ball.vertices @ studs.T, -1, 1)).min(axis=1) / STUD_RADIUS
+    relief = np.sqrt(np.maximum(1 - away**2, 0)) - 0.5 * np.exp(-(((away - 1.15) / 0.12) ** 2))
+    return ao.Mesh(ball.vertices * (1 + height * relief)[:, None], ball.faces, name="studded")
 
 
 def cup() -> trimesh.Trimesh:
