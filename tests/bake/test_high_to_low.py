@@ -1,6 +1,7 @@
 """High to low: the texture of a simple mesh holds the ambient occlusion of a detailed one."""
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,17 @@ import pytest
 import trimesh
 
 import aoprecalc as ao
+from aoprecalc.api.high_to_low import with_detail
 from aoprecalc.errors import ArgumentError, InputError
+from aoprecalc.mesh.roles import assign_roles
+from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.options import BakeOptions, VerifyOptions
+from aoprecalc.progress import Progress
+from aoprecalc.raster.layout import atlas_from_uvs
 from aoprecalc.render.simplification import simplified
 from aoprecalc.texture_lookup import bilinear
+from aoprecalc.visibility.backend import open_backend
+from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 from bake.test_projection import bumpy, plane
 from shapes import MESHES, box, join, quad, quad_uvs
 
@@ -163,6 +171,33 @@ def test_chunks_and_threads_do_not_change_a_byte():
     whole = ao.bake(flat(), options, high=[fine()])
     for other in (replace(options, threads=1), replace(options, memory_limit=700 << 20)):
         assert np.array_equal(ao.bake(flat(), other, high=[fine()]).ao, whole.ao)
+
+
+def test_another_process_gets_the_same_points_from_the_pickled_inputs():
+    options = BakeOptions(backend="ray", unwrap="keep", **QUICK)
+    scene = with_detail(assign_roles(flat()._scene, options), options, 0, [fine()._scene])
+    atlas = atlas_from_uvs(scene, SQUARE, np.ones(2, bool))
+    inputs = BakeInputs(scene, atlas, shading_normals(scene), options)
+    with open_backend(options, Progress()) as backend:
+        here, there = (BakeSetup(backend, own) for own in (inputs, pickle.loads(pickle.dumps(inputs))))
+        for group in (0, 1):
+            one, other = (setup.samples(setup.sides[0], slice(100, 900), group) for setup in (here, there))
+            assert np.array_equal(one.faces, other.faces)
+            assert np.array_equal(one.weights, other.weights)
+
+
+@pytest.mark.slow
+def test_a_batch_of_two_processes_writes_the_bytes_of_a_single_bake(tmp_path, command, monkeypatch):
+    files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "parts.toml").write_text(
+        'inputs = ["rock.obj"]\noutput = "out"\n[bake]\nsize = 64\nhigh = "rock_high.ply"\ncage = "cage.obj"\n'
+    )
+    assert command("batch", "parts.toml", "--jobs", 2).returncode == 0
+    assert command("bake", "rock.obj", "--high", "rock_high.ply", "--cage", "cage.obj", "--size", 64).returncode == 0
+    assert (tmp_path / "out" / "rock_ao.png").read_bytes() == (tmp_path / "rock_ao.png").read_bytes()
+    report = json.loads((tmp_path / "out" / "rock_report.json").read_text())
+    assert (report["options"]["high"], report["options"]["cage"]) == (["../rock_high.ply"], "../cage.obj")
 
 
 def test_the_size_is_chosen_by_the_details():

@@ -7,7 +7,8 @@ nearer to it than t / 2. So each point tells
     need    how far out the farthest of its own high surface is, or how far in, where there is none outside
     limit   how far out the first of another part's is
 
-and each vertex has the greatest need of the faces around it with a margin, but stays within their least limit.
+and each vertex has the greatest need of the faces around it with a margin, or stays within their least limit where
+more of the points would meet another part than miss their own.
 """
 
 from dataclasses import dataclass
@@ -63,8 +64,12 @@ def auto_cage(low: Scene, detail: Detail, threads: int = 0) -> Cage:
     np.minimum.at(limit, vertices, probes.limits[:, None])
     known = need >= 0
     need[~known] = np.median(need[known]) if known.any() else 0.0
-    distances = np.minimum(np.maximum(_MARGIN * need, _LEAST * largest), _WITHIN * limit)
-    return Cage(detail.cage.directions, distances[low.faces])
+    wide = np.maximum(_MARGIN * need, _LEAST * largest)
+    narrow = np.minimum(wide, _WITHIN * limit)
+    missed, wrong = np.zeros((2, len(low.positions)), np.intp)
+    np.add.at(missed, vertices, probes.needs[:, None] > narrow[vertices])
+    np.add.at(wrong, vertices, probes.limits[:, None] < wide[vertices])
+    return Cage(detail.cage.directions, np.where(wrong > missed, narrow, wide)[low.faces])
 
 
 @dataclass(frozen=True, eq=False)
