@@ -78,7 +78,7 @@ bash = pytest.mark.skipif(bash_version() < (4, 4), reason="bash 4.4 is not insta
         ("aoprecalc cache ", {"info", "prune"}),
         ("aoprecalc bake mesh.obj --unwrap ", {"auto", "keep", "xatlas", "uvunwrap"}),
         ("aoprecalc spheres --method l", {"lloyd"}),
-        ("aoprecalc bake --back", {"--backend"}),
+        ("aoprecalc bake --backe", {"--backend"}),
         ("aoprecalc completion ", {"bash", "zsh", "fish"}),
     ],
 )

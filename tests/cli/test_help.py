@@ -22,7 +22,7 @@ def test_every_option_and_command_has_help(command):
         assert entry.help.endswith((".", "]")), entry.name
 
 
-MANY = ["bake", "spheres", "verify", "batch"]  # those with more options than a screen holds
+MANY = ["bake", "spheres", "preview", "verify", "batch"]  # those with more options than a screen holds
 
 
 def lines_of_help(command, *, full=False, width=100):

@@ -29,9 +29,9 @@ _OUTPUTS = "output", "mesh_output", "report", "verify", "figures", "bent_normals
     multiple=True,
     shown="<stem>_ao.png",
     help="The texture ({images}), with the mesh beside it; a mesh ({baked meshes}), with the texture inside a .glb, "
-    "else beside it as <stem>_ao.png; or a folder. May be repeated: a texture and a mesh.",
-    more="The mesh beside a texture has the texture's stem. A stem that ends in `_ao` gets no second one. "
-    "A folder exists, or its name ends in a slash; then it is made.",
+    "else beside it; or a folder. May be repeated: a texture and a mesh.",
+    more="A texture beside a mesh is <stem>_ao.png. The mesh beside a texture has the texture's stem. A stem that ends "
+    "in `_ao` gets no second one. A folder exists, or its name ends in a slash; then it is made.",
 )
 @option(
     "--mesh-output",

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     "--output",
     metavar="PATH",
     group="Output",
+    common=True,
     shown="<stem>_preview.png",
     help="The picture ({pictures}), or a folder; of a turntable a .webp, or a folder of frames.",
     more="A folder exists, or its name ends in a slash; then it is made. A turntable is `<stem>_turntable.webp` unless "
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     "--texture",
     metavar="FILE",
     group="Picture",
+    common=True,
     shown="the one that MESH refers to, else <stem>.png beside it",
     help="The ambient-occlusion texture, for any mesh with UVs.",
 )
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     "--spheres",
     metavar="FILE",
     group="Picture",
+    common=True,
     help="Show these spheres as well ({sphere sets}).",
     more="They may come from any program, as for `aoprecalc spheres --measure`; of several levels the finest is shown.",
 )

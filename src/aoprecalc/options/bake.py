@@ -76,7 +76,7 @@ OccluderField = Annotated[tuple[str, ...], _scene(
 OccludersOnlyField = Annotated[tuple[str, ...], _scene("Parts that occlude but are not baked.", more=_NAMES)]
 HighField = Annotated[tuple[str, ...], _detail(
     "A mesh file with the details: its ambient occlusion goes into the texture of the mesh, which is simpler.",
-    path=True,
+    common=True, path=True,
     more="Rays from the cage find the points of it that belong to the texels. It alone occludes.")]
 CageField = Annotated[Distance, _detail(
     "Where these rays begin: at a length, or a share of the diagonal such as 2%, from the mesh; a file; or auto.",

@@ -158,21 +158,21 @@ class PreviewOptions(Validated):
     width: Annotated[int, Option("Width of the picture.", range=(16, 8192), unit="pixels", part_of="size")] = 1200
     height: Annotated[int, Option("Height of the picture.", range=(16, 8192), unit="pixels", part_of="size")] = 900
     shading: Annotated[Shading, _picture(
-        "ao: clay darkened by the texture; clay: without it; material: the base colours with it.",
+        "ao: clay darkened by the texture; clay: without it; material: the base colours with it.", common=True,
         more="Meshes without a texture are drawn as clay.")] = "ao"
     spheres_view: Annotated[SpheresView, _picture(
         "Draw the spheres beside the mesh, or over it.")] = "beside"
     ground: Annotated[bool, _picture(
-        "Compare the soft shadows on the ground: the mesh's own, and that of the spheres.",
+        "Compare the soft shadows on the ground: the mesh's own, and that of the spheres.", common=True,
         more="Without spheres the mesh alone casts its shadow.")] = False
     views: Annotated[int, _picture(
-        "Views from all around, in one contact sheet.", range=(1, 64))] = 1
+        "Views from all around, in one contact sheet.", common=True, range=(1, 64))] = 1
     turntable: Annotated[bool, _picture(
-        "Turn the mesh once: an animated .webp, or a folder of frames.")] = False
+        "Turn the mesh once: an animated .webp, or a folder of frames.", common=True)] = False
     frames: Annotated[int, _picture("Frames of `turntable`.", range=(2, 720))] = 48
     azimuth: Annotated[float, _picture(
-        "Angle of the camera around the upward axis; 0 is in front of the mesh.", range=(-360, 360), unit="degrees",
-        metavar="DEG")] = 24.0
+        "Angle of the camera around the upward axis; 0 is in front of the mesh.", common=True, range=(-360, 360),
+        unit="degrees", metavar="DEG")] = 24.0
     elevation: Annotated[float, _picture(
         "Angle of the camera above the ground.", range=(-90, 90), unit="degrees", metavar="DEG")] = 20.0
     up: Annotated[Up, _picture("Axis that points up. auto: y; z for STL, or as USD says.")] = "auto"
@@ -182,8 +182,8 @@ class PreviewOptions(Validated):
     backend: Annotated[Backend, _run("Draw in OpenGL (gl) or by rays (ray). auto: gl, else ray.")] = "auto"
     threads: ThreadsField = 0
     size: InitVar[Annotated[int | tuple[int, int] | None, _picture(
-        "Size of one view in pixels: one number for a square, or width and height.", range=(16, 8192), unit="pixels",
-        quantity=SIZE)]] = None
+        "Size of one view in pixels: one number for a square, or width and height.", common=True, range=(16, 8192),
+        unit="pixels", quantity=SIZE)]] = None
 
     def __post_init__(self, size: int | tuple[int, int] | None) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
