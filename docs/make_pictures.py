@@ -268,6 +268,16 @@ def poses(folder: Path) -> Picture:
     return contact_sheet(cells, 2)
 
 
+def self_occlusion(folder: Path) -> Picture:
+    """A chest, baked while its lid is shut, and drawn with the lid open: occluded by all, and each part by itself."""
+    mesh = folder / "chest.glb"
+    picture_meshes.chest(mesh)
+    kinds: list[dict] = [{"self_occlusion": "all"}, {"self_occlusion": "part"}]
+    results = [baked(mesh, size=512, **kind) for kind in kinds]
+    views = [drawn(result, (440, 340), elevation=35, pose="open@1") for result in results]
+    return contact_sheet(list(zip(views, map(option_words, kinds), strict=True)), 2)
+
+
 def vertex_values(_: Path) -> Picture:
     """A ball on a floor with its texture, with fitted values at the vertices and with sampled ones."""
     ball = trimesh.creation.icosphere(2)
@@ -467,8 +477,9 @@ def page_wide(sheet: Picture) -> Picture:
 
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
-            dark, leaks, occlusion, several_textures, high_to_low, ground_height, backfaces, surroundings, poses,
-            vertex_values, sides, borders, figures, sphere_figures, three, report, report_batch)  # fmt: skip
+            dark, leaks, occlusion, several_textures, high_to_low, ground_height, backfaces, self_occlusion,
+            surroundings, poses, vertex_values, sides, borders, figures, sphere_figures, three, report,
+            report_batch)  # fmt: skip
 
 
 def main() -> None:

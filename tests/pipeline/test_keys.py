@@ -167,6 +167,7 @@ OTHER = {
         "pack": "orm", "max_distance": 2.5, "cone": 90.0, "weight": "uniform", "texel_density": 9.0, "strength": 0.5,
         "invert": True, "vertex_ao": "color", "backfaces": "ignore", "occluder": ("wall.obj",),
         "bent_normals": True, "bent_space": "world", "green": "down",
+        "self_occlusion": "part",
         "sky": "overcast",
         "textures": "mesh", "pose": ("walk@0.5",),
         "high": ("rock_high.obj",), "cage": "2%", "match": "nothing",

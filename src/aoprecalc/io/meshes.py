@@ -95,7 +95,7 @@ def read_scene(path: Path, data: bytes) -> Scene:
     mesh_format, data = format_of(path), text_as_utf8(data)
     try:
         with np.errstate(all="ignore"):  # values that are not finite are looked for afterwards
-            return mesh_format.read(path, data)
+            return _with_numbers(mesh_format, mesh_format.read(path, data))
     except MemoryError as error:
         raise InputError(f"{path}: does not fit into memory; use a smaller model") from error
     except Exception as error:  # a damaged file may raise anything in a reader
@@ -105,6 +105,18 @@ def read_scene(path: Path, data: bytes) -> Scene:
         if isinstance(error, AoprecalcError):
             raise
         raise unreadable_file(path, name, error) from error
+
+
+def _with_numbers(mesh_format: MeshFormat, scene: Scene) -> Scene:
+    """Return a scene that was just read, whose parts know the numbers of their objects and materials."""
+    objects: dict[Hashable, int] = {}
+    materials: dict[Hashable, int] = {}
+    parts = []
+    for part in scene.parts:
+        material, _ = mesh_format.grouped(scene, part, "material")
+        number = objects.setdefault(mesh_format.object_of(part), len(objects))
+        parts.append(replace(part, file_object=number, file_material=materials.setdefault(material, len(materials))))
+    return replace(scene, parts=tuple(parts))
 
 
 def source_files(scene: Scene) -> list[Path]:

@@ -1,6 +1,7 @@
 """A surface at the scale at which visibility is computed: what receives light, and the triangles that stop it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.mesh.masked_triangles import cut_triangles
 from aoprecalc.mesh.opaque_triangles import opaque_pieces, opaque_triangles
+from aoprecalc.mesh.roles import with_parts
 from aoprecalc.mesh.surface import area_vectors, bounding_sphere, geometric_normals, normalize, positions_of
 from aoprecalc.mesh.topology import unique_rows
 from aoprecalc.types import REVERSED_WINDING, BoolArray, Float32Array, Float64Array, Int32Array, Scene
@@ -35,6 +37,7 @@ class NormalizedSurface:
     ground_height      of that plane along its normal, 0 without one
     buried             the plane may lie above some of what receives, which then is dark
     unit               the length of 1 in the units of the mesh
+    groups             the surfaces of parts that the others do not occlude; None where all occlude each other
     """
 
     positions: Float32Array
@@ -49,6 +52,7 @@ class NormalizedSurface:
     ground_height: float
     buried: bool
     unit: float
+    groups: "SurfaceGroups | None"
 
     @classmethod
     def from_scene(cls, scene: Scene, shading: Float32Array) -> Self:
@@ -94,6 +98,7 @@ class NormalizedSurface:
             ground_height=ground_height,
             buried=lowest < ground_height,
             unit=radius,
+            groups=_groups(scene, shading),
         )
 
     def is_below_ground(self, directions: NDArray[np.floating]) -> BoolArray:
@@ -117,7 +122,30 @@ class NormalizedSurface:
 
     def flipped(self) -> Self:
         """Return the surface with its other side in front."""
-        return replace(self, shading_normals=-self.shading_normals, geometric_normals=-self.geometric_normals)
+        groups = self.groups
+        if groups is not None:
+            groups = replace(groups, surfaces=tuple(surface.flipped() for surface in groups.surfaces))
+        shading, geometric = -self.shading_normals, -self.geometric_normals
+        return replace(self, shading_normals=shading, geometric_normals=geometric, groups=groups)
+
+    def by_group(
+        self, faces: NDArray[np.integer]
+    ) -> "Iterator[tuple[NormalizedSurface, NDArray[np.intp], NDArray[np.integer]]]":
+        """Yield the surfaces that occlude k points, where these are among them, and their faces there.
+
+        faces   (k,) of the points; those that do not receive, and -1 for none, are on no surface
+        As a rule it is one, this itself, for all points.
+        """
+        if self.groups is None:
+            yield self, np.arange(len(faces)), faces
+            return
+        group = np.where(faces >= 0, self.groups.group[faces], -1)
+        order = np.argsort(group, kind="stable")
+        ends = np.searchsorted(group[order], np.arange(len(self.groups.surfaces) + 1))
+        for surface, start, stop in zip(self.groups.surfaces, ends[:-1], ends[1:], strict=True):
+            if start < stop:
+                rows = order[start:stop]
+                yield surface, rows, self.groups.face[faces[rows]]
 
     def interpolate(
         self, faces: NDArray[np.integer], weights: NDArray[np.floating]
@@ -133,6 +161,55 @@ class NormalizedSurface:
         opposed = np.einsum("kx,kx->k", shading, geometric) <= 0
         shading[opposed] = geometric[opposed]
         return positions, normalize(shading), geometric
+
+
+# Parts that others do not occlude.
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGroups:
+    """The surfaces of parts that others do not occlude, each with its own occluders, at its own scale.
+
+    surfaces   of the faces of one group, and of what occludes every group
+    group      (f,) int32: the surface on which a face receives; -1 for none
+    face       (f,) int32: its index there
+    """
+
+    surfaces: tuple[NormalizedSurface, ...]
+    group: Int32Array
+    face: Int32Array
+
+
+def _groups(scene: Scene, shading: Float32Array) -> SurfaceGroups | None:
+    """Return the groups of parts that alone occlude each other; None where all do. See `Part.self_occluded`."""
+    numbers = [part.self_occluded for part in scene.parts]
+    groups = sorted({number for number in numbers if number is not None})
+    if not groups:
+        return None
+    receives = scene.receives
+    grounded = replace(scene, ground_height=_ground_height(scene))
+    surfaces: list[NormalizedSurface] = []
+    group, face = np.full(len(scene.faces), -1, np.int32), np.zeros(len(scene.faces), np.int32)
+    for number in groups:
+        own = scene.per_face(other == number for other in numbers)
+        if not (own & receives).any():
+            continue
+        kept = [other in (None, number) for other in numbers]
+        chosen = scene.per_face(kept)
+        alone = with_parts(grounded, kept)
+        alone = replace(alone, parts=tuple(replace(part, self_occluded=None) for part in alone.parts))
+        group[own], face[own] = len(surfaces), (np.cumsum(chosen) - 1)[own]
+        surfaces.append(NormalizedSurface.from_scene(alone, shading[chosen]))
+    return SurfaceGroups(tuple(surfaces), group, face)
+
+
+def _ground_height(scene: Scene) -> float | None:
+    """Return the height of the ground of a scene, which is that of all its groups; None without a ground."""
+    if scene.ground_normal is None or scene.ground_height is not None:
+        return scene.ground_height
+    around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
+    points = np.concatenate([positions_of(scene, scene.receives | scene.occludes), around.reshape(-1, 3)])
+    return float((points @ np.asarray(scene.ground_normal)).min())
 
 
 # Occluders that count from one side, and from both.

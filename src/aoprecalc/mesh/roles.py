@@ -31,7 +31,7 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
         _require_known(scene.parts, argument, getattr(options, argument))
     if not options.all_parts:
         scene = _with_hulls_and_levels(scene)
-    parts = [_with_roles(part, options) for part in scene.parts]
+    parts = [_with_roles(part, number, options) for number, part in enumerate(scene.parts)]
     if not any(part.receives for part in parts):
         raise _nothing_to_bake(scene, options)
     return replace(
@@ -43,7 +43,7 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     )
 
 
-def _with_roles(part: Part, options: LightOptions) -> Part:
+def _with_roles(part: Part, number: int, options: LightOptions) -> Part:
     hull = part.hull and not _is_named(part, [*options.only, *options.occluders_only])  # unless the user asks for it
     included = not hull and not _is_named(part, options.exclude)
     receives = included and not part.material.unlit and not _is_named(part, options.occluders_only)
@@ -52,7 +52,16 @@ def _with_roles(part: Part, options: LightOptions) -> Part:
         receives=receives and (not options.only or _is_named(part, options.only)),
         occludes=included and (options.glass_occludes or not part.material.transparent),
         two_sided=options.two_sided or part.material.foliage,
+        self_occluded=None if _is_named(part, options.occluders_only) else _own_group(part, number, options),
     )
+
+
+def _own_group(part: Part, number: int, options: LightOptions) -> int | None:
+    """Return the number of the parts that alone occlude each other, one of which is this part; None for all of them."""
+    if options.self_occlusion == "material":
+        return part.file_material or 0
+    of_file = number if part.file_object is None else part.file_object
+    return of_file if options.self_occlusion == "part" else None
 
 
 def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, float] | None:
@@ -162,7 +171,7 @@ def in_poses(scene: Scene, normals: Float32Array) -> tuple[tuple[Scene, Float32A
 def _groups(scene: Scene) -> tuple[Scene, ...]:
     receives = scene.receives
     receiving = [number for number, part in enumerate(scene.parts) if receives[part.faces].any()]
-    if len(receiving) < 2 or any(part.uv_owner is not None for part in scene.parts):
+    if len(receiving) < 2 or any(part.uv_owner is not None or part.self_occluded is not None for part in scene.parts):
         return (scene,)
     from scipy.ndimage import label  # in functions: slow to import
 
@@ -201,6 +210,11 @@ def finest_level(scene: Scene) -> tuple[Scene, BoolArray]:
     kept = [not part.hull and (part.levels is None or part.levels.start == 0) for part in scene.parts]
     if all(kept):
         return scene, np.ones(len(scene.faces), bool)
+    return with_parts(scene, kept), scene.per_face(kept)
+
+
+def with_parts(scene: Scene, kept: Sequence[bool]) -> Scene:
+    """Return a scene with some of its parts only, at least one."""
     faces = scene.per_face(kept)
     used, corners = np.unique(scene.faces[faces], return_inverse=True)
     number = np.cumsum(kept) - 1  # of each part among those that are kept
@@ -214,7 +228,7 @@ def finest_level(scene: Scene) -> tuple[Scene, BoolArray]:
         moved = replace(part, start=start, stop=stop, levels=None, instance_of=renumbered(part.instance_of))
         parts.append(replace(moved, duplicate_of=renumbered(part.duplicate_of), uv_owner=renumbered(part.uv_owner)))
         start = stop
-    finest = replace(
+    return replace(
         scene,
         positions=scene.positions[used],
         faces=corners.reshape(-1, 3).astype(np.int32),
@@ -222,8 +236,8 @@ def finest_level(scene: Scene) -> tuple[Scene, BoolArray]:
         uv_sets=tuple(uvs[faces] for uvs in scene.uv_sets),
         parts=tuple(parts),
         polygons=None if scene.polygons is None else scene.polygons[faces],
+        baked_only=None if scene.baked_only is None else scene.baked_only[faces],
     )
-    return finest, faces
 
 
 # What the names of parts say in games: collision hulls, and levels of detail.

@@ -279,21 +279,20 @@ def _in_one_pass(
     integrand: Integrand,
 ) -> Float64Array:
     """Return the ambient occlusion at points of parts that are baked together."""
-    two_sided = np.flatnonzero(scene.two_sided[points.faces])
-    front, back = np.zeros((2, len(points))), np.zeros((2, len(two_sided)))
+    two_sided = scene.two_sided[points.faces]
+    front, back = np.zeros((2, len(points))), np.zeros((2, len(points)))
     for posed, normals_of_pose in in_poses(scene, shading):
-        surface = NormalizedSurface.from_scene(posed, normals_of_pose)
-        rays = RayOcclusion(surface, integrand, options.threads)
-        positions, normals, geometric = surface.interpolate(points.faces, points.weights)
-        front += _one_side(rays, (positions, normals, geometric), options, integrand, progress)
-        behind = positions[two_sided], -normals[two_sided], -geometric[two_sided]
-        back += _one_side(rays, behind, options, integrand, Progress())
+        for surface, rows, faces in NormalizedSurface.from_scene(posed, normals_of_pose).by_group(points.faces):
+            rays = RayOcclusion(surface, integrand, options.threads)
+            positions, normals, geometric = surface.interpolate(faces, points.weights[rows])
+            front[:, rows] += _one_side(rays, (positions, normals, geometric), options, integrand, progress)
+            sides = two_sided[rows]
+            behind = positions[sides], -normals[sides], -geometric[sides]
+            back[:, rows[sides]] += _one_side(rays, behind, options, integrand, Progress())
         progress = Progress()
-    values: Float64Array
     tiny = np.finfo(float).tiny
     values, lighter = (visible / np.maximum(counted, tiny) for visible, counted in (front, back))
-    values[two_sided] = np.maximum(values[two_sided], lighter)
-    return values
+    return np.where(two_sided, np.maximum(values, lighter), values)
 
 
 def _one_side(

@@ -22,6 +22,7 @@ BentSpace = Literal["tangent", "object", "world"]
 Green = Literal["up", "down"]
 VertexAo = Literal["none", "attribute", "color"]
 Textures = Literal["one", "material", "mesh"]
+SelfOcclusion = Literal["all", "part", "material"]
 Backfaces = Literal["occlude", "ignore"]
 Up = Literal["auto", "x", "y", "z"]
 Falloff = Literal["none", "linear", "smooth"]
@@ -98,8 +99,10 @@ SkyField = Annotated[str, _scene(
     metavar="uniform|overcast|FILE", path=True, keywords=("uniform", "overcast"),
     more="Directions count by their light; open is 1. Overcast is the CIE's sky, three times as bright at the "
     "zenith as at the horizon. Images have the zenith in the top row, and +X in the middle.")]
-GroundField = Annotated[bool, _scene(
-    "Put the scene on an endless ground plane: no light comes from below.", common=True)]
+SelfOcclusionField = Annotated[SelfOcclusion, _scene(
+    "What occludes a part: all parts, that part alone, or the faces of its material alone.",
+    more="A part is a whole object of the file. The ground, `occluder` and `occluders_only` always occlude.")]
+GroundField = Annotated[bool, _scene("Put the scene on an endless ground plane: no light from below.", common=True)]
 BackfacesField = Annotated[Backfaces, _scene(
     "Whether faces occlude from behind, too, or only what is in front of them.",
     more="Faces of double-sided materials always occlude from both sides.")]
@@ -141,6 +144,7 @@ class LightOptions(Validated):
     all_parts: AllPartsField = False
     two_sided: TwoSidedField = False
     sky: SkyField = "uniform"
+    self_occlusion: SelfOcclusionField = "all"
     backfaces: BackfacesField = "occlude"
     ground: GroundField = False
     ground_height: GroundHeightField = None
@@ -158,9 +162,8 @@ class LightOptions(Validated):
                 "up",
             )
         if self.ground_height is not None and not self.ground:
-            raise ArgumentError(
-                "ground_height", f"is {self.ground_height:g}, but there is no ground; add {{ground}}", "ground"
-            )
+            found = f"is {self.ground_height:g}, but there is no ground; add {{ground}}"
+            raise ArgumentError("ground_height", found, "ground")
 
     @property
     def has_up(self) -> bool:

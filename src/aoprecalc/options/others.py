@@ -27,6 +27,7 @@ from aoprecalc.options.bake import (
     OccludersOnlyField,
     OnlyField,
     PoseField,
+    SelfOcclusionField,
     SkyField,
     ThreadsField,
     TwoSidedField,
@@ -303,6 +304,7 @@ class VerifyOptions(Validated):
     all_parts: AllPartsField | None = None
     two_sided: TwoSidedField | None = None
     sky: SkyField | None = None
+    self_occlusion: SelfOcclusionField | None = None
     backfaces: BackfacesField | None = None
     ground: GroundField | None = None
     ground_height: GroundHeightField | None = None

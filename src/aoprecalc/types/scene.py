@@ -71,6 +71,8 @@ class Part:
     receives      it gets ambient occlusion; occludes: it blocks light
     two_sided     its texels have the greater of both sides' values
     uv_owner      index of the part whose UV region it shares; None where it has its own
+    file_object   the number of its object in the file, file_material: of its material; None where none is known
+    self_occluded   parts with this number, and those without any, are all that occludes it; None: every part does
     lod           the level of detail that the file says it is (MSFT_lod): of which node, and which, 0 the finest
     levels        the levels of detail of the scene that show it, without gaps; None: all of them
     hull          a collision hull, which is not part of the picture
@@ -89,6 +91,9 @@ class Part:
     occludes: bool = True
     two_sided: bool = False
     uv_owner: int | None = None
+    file_object: int | None = None
+    file_material: int | None = None
+    self_occluded: int | None = None
     lod: tuple[int, int] | None = None
     levels: range | None = None
     hull: bool = False

@@ -3,13 +3,17 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
+import numpy as np
+
 from aoprecalc.errors import ArgumentError, RendererError
 from aoprecalc.gl.context import VERSION, Renderer, open_renderer, opengl_problem
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.options import Backend as BackendKind
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
@@ -19,6 +23,9 @@ from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import RayTester, cast_depths, embreex_problem, require_embreex
+
+_GROUP_MAP = 64  # map texels: sides of the maps of parts that others do not occlude are multiples of it
+_DIAMETER = 2.0  # of what receives, at most
 
 
 class VisibilityTester(Protocol):
@@ -74,6 +81,31 @@ class Backend(Protocol):
         ...
 
 
+class GroupTester:
+    """A VisibilityTester of a surface with groups: a tester for each of them in turn, with maps as fine as it needs."""
+
+    def __init__(self, backend: Backend, surface: NormalizedSurface, integrand: Integrand, shadow_size: int) -> None:
+        """Keep what the testers are made of; `shadow_size` is that of maps of the whole surface."""
+        self._backend, self._surface = backend, surface
+        self._integrand, self._shadow_size = integrand, shadow_size
+
+    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
+        """Return the visibility sums of the samples, see VisibilityTester."""
+        sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
+        for surface, rows, faces in self._surface.by_group(samples.faces):
+            tester = self._backend.tester(surface, self._integrand, len(rows), self._size_of_maps(surface, len(rows)))
+            own = Samples(faces.astype(np.int32), samples.weights[rows])
+            sums[rows] = tester.accumulate(own, axes, Progress())
+        progress.advance(2 * len(axes))
+        return sums
+
+    def _size_of_maps(self, surface: NormalizedSurface, samples: int) -> int:
+        """Return the side of the maps of a group: their texels are half as wide as the distance of its samples."""
+        area = np.linalg.norm(area_vectors(surface.positions[surface.faces].astype(np.float64)), axis=1).sum() / 2
+        size = 2 * _DIAMETER * math.sqrt(samples / area) if area else 0.0
+        return min(self._shadow_size, max(1, math.ceil(size / _GROUP_MAP)) * _GROUP_MAP)
+
+
 class GLBackend:
     """Depth maps in an OpenGL context."""
 
@@ -105,7 +137,9 @@ class GLBackend:
     def tester(
         self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
     ) -> VisibilityTester:
-        """Return a DepthMapTester."""
+        """Return a DepthMapTester, or one for each group of the surface."""
+        if surface.groups is not None:
+            return GroupTester(self, surface, integrand, shadow_size)
         from aoprecalc.visibility.depth_maps import DepthMapTester
 
         self._renderer.context.gc()  # frees what an earlier tester has allocated
@@ -144,7 +178,9 @@ class RayBackend:
     def tester(
         self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
     ) -> VisibilityTester:
-        """Return a RayTester."""
+        """Return a RayTester, or one for each group of the surface."""
+        if surface.groups is not None:
+            return GroupTester(self, surface, integrand, shadow_size)
         return RayTester(surface, integrand, self._threads)
 
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:

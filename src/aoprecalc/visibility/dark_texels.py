@@ -7,6 +7,7 @@ Hidden surfaces of assets made of many parts are dark, and ought to be; a mesh t
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
@@ -103,6 +104,16 @@ def _open_shares(
     surface: NormalizedSurface, faces: Int32Array, weights: Float32Array, threads: int
 ) -> tuple[Float64Array, Float64Array, BoolArray]:
     """Return how open k surface points are to the front and to the back without the ground, and which rest on it."""
+    front, back, resting = np.zeros(len(faces)), np.zeros(len(faces)), np.zeros(len(faces), bool)
+    for own, rows, own_faces in surface.by_group(faces):
+        front[rows], back[rows], resting[rows] = _open_to(own, own_faces, weights[rows], threads)
+    return front, back, resting
+
+
+def _open_to(
+    surface: NormalizedSurface, faces: NDArray[np.integer], weights: Float32Array, threads: int
+) -> tuple[Float64Array, Float64Array, BoolArray]:
+    """Return what `_open_shares` does, for points that all of the surface may occlude."""
     points, normals, geometric = surface.interpolate(faces, weights)
     axes = light_axes(_DIRECTIONS)
     directions = np.concatenate([axes, -axes])

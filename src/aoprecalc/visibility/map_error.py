@@ -10,9 +10,10 @@ from aoprecalc.mesh.surface import bounding_sphere, positions_of
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import area_per_texel, doubled_uv_areas
 from aoprecalc.types import Float32Array, Float64Array, Texels
+from aoprecalc.visibility.backend import RayBackend
 from aoprecalc.visibility.directions import map_texel
 from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion, mean_over_poses
-from aoprecalc.visibility.rays import RayTester, embreex_problem
+from aoprecalc.visibility.rays import embreex_problem
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
 _COARSE = 4.0  # map texels over surface texels: a map adds about 0.005 (a stool among far larger things, measured)
@@ -90,7 +91,7 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
     instances = SharedInstances.from_scene(side.scene)
 
     def traced(surface: NormalizedSurface) -> Float32Array:
-        tester = RayTester(surface, integrand, options.threads)
+        tester = RayBackend(options.threads).tester(surface, integrand, len(chosen), 0)
         sums = np.zeros((len(chosen), 2), np.float32)
         for number, group in enumerate(setup.groups):
             if 2 * group.start < found.directions:

@@ -173,6 +173,10 @@ class RayCaster:
 
     def _for_chunks(self, cast: Callable[[int], None], count: int) -> None:
         """Call a function with the start of each chunk of rays, on several threads."""
+        if count <= _CHUNK_RAYS:  # threads take as long to start as many a chunk takes
+            if count:
+                cast(0)
+            return
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(cast, range(0, count, _CHUNK_RAYS)))
 

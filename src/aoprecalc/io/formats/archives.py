@@ -199,6 +199,10 @@ class UnpackedFormat(MeshFormat):
         """Ask the inner format."""
         return self._inner.spaces(scene, part)
 
+    def object_of(self, part: Part) -> Hashable:
+        """Ask the inner format."""
+        return self._inner.object_of(part)
+
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Ask the inner format."""
         return self._inner.occlusion_of(scene, part)

@@ -246,6 +246,10 @@ class MeshFormat(ABC):
         """Return how the spaces of a part lie in that of the scene; raises InputError where the document is damaged."""
         return PartSpaces()
 
+    def object_of(self, part: Part) -> Hashable:
+        """Return what tells the object of a part from others: all parts that move together have the same."""
+        return part.name
+
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusion texture of a part, and its UVs; raises InputError where the document is damaged."""
         return PartOcclusion(None, first_uvs(scene, part))

@@ -14,7 +14,7 @@ from aoprecalc.io.formats.gltf.animation import posed_document
 from aoprecalc.io.formats.gltf.document import MAGIC, GltfDocument, gltf_files
 from aoprecalc.io.formats.gltf.materials import base_color
 from aoprecalc.io.formats.gltf.occlusion_textures import gltf_occlusion
-from aoprecalc.io.formats.gltf.reader import part_mesh, part_primitive, read_gltf, read_posed
+from aoprecalc.io.formats.gltf.reader import PrimitiveSource, part_mesh, part_primitive, read_gltf, read_posed
 from aoprecalc.io.formats.gltf.vertices import part_spaces
 from aoprecalc.io.formats.gltf.writer import write_gltf
 from aoprecalc.io.outputs import Outputs
@@ -76,6 +76,11 @@ class GltfFormat(MeshFormat):
         """Return the transform of the part's node, its tangents, and the UVs of its normalTexture."""
         with _damage_told(scene):
             return part_spaces(_document(scene), scene, part)
+
+    def object_of(self, part: Part) -> int:
+        """Return the index of its node: the primitives of its mesh are one object."""
+        assert isinstance(part.source, PrimitiveSource)  # the reader made it
+        return part.source.node
 
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusionTexture of the part's material."""

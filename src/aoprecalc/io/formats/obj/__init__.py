@@ -16,7 +16,7 @@ from aoprecalc.io.formats.base import (
 )
 from aoprecalc.io.formats.files import ColorImages, ImageSource
 from aoprecalc.io.formats.obj.materials import MtlMaterial, material_files
-from aoprecalc.io.formats.obj.reader import ObjDocument, obj_files, read_obj
+from aoprecalc.io.formats.obj.reader import ObjDocument, Section, obj_files, read_obj
 from aoprecalc.io.formats.obj.writer import write_obj
 from aoprecalc.io.formats.textures import first_uvs, part_material
 from aoprecalc.io.outputs import Outputs
@@ -44,6 +44,12 @@ class ObjFormat(MeshFormat):
     def referenced_files(self, path: Path, data: bytes) -> list[Path]:
         """Return the MTL files and the textures that these name."""
         return obj_files(path, data)
+
+    def object_of(self, part: Part) -> str:
+        """Return the name of its object, else of its group."""
+        assert isinstance(part.source, Section | None)  # the reader made it
+        section = part.source or Section()
+        return section.object or section.group or "mesh"
 
     def source_files(self, scene: Scene) -> list[Path]:
         """Return the OBJ, its MTL files and their textures."""

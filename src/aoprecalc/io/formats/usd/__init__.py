@@ -73,6 +73,10 @@ class UsdFormat(MeshFormat):
         """Write the stage with the occlusion in its materials; see `write_usd`."""
         return write_usd(outputs, path, mesh)
 
+    def object_of(self, part: Part) -> str:
+        """Return the path of its Mesh: the subsets of that are one object."""
+        return part_source(part.source).prim
+
     def occlusion_of(self, scene: Scene, part: Part) -> PartOcclusion:
         """Return the occlusion of the part's UsdPreviewSurface, and the UVs that it reads."""
         source = part_source(part.source)
