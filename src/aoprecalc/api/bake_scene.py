@@ -124,6 +124,7 @@ def bake_scene(
             len(texels),
             map_bytes=8 * shadow_size**2,
             triangles=len(setup.sides[0].surface.occluders) + (0 if detail is None else len(detail.scene.faces)),
+            vectors=options.bent_normals,
         )
         passes = sum(len(chunks(len(side.texels), chunk_size)) for side in setup.sides)
         unit = "directions" if passes == len(setup.sides) else f"directions, {passes} times to save memory"

@@ -17,9 +17,10 @@ from aoprecalc.options import BakeOptions, BentSpace
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, Samples, build_layout
 from aoprecalc.raster.resolve import finish, pad
-from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
+from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Int32Array, Scene, Texels
 
 _CLOSED = 1e-4  # length of a visibility vector up to which nothing is visible: the rest of the fit of the texture
+_FLAT = 1e-6  # volume of a basis of unit vectors up to which it has none
 _REACH = 3  # texels from the surface: look-ups on it read no farther ones
 
 
@@ -30,19 +31,20 @@ def bent_normals(baked: Baked, options: BakeOptions, space: BentSpace = "world")
     """
     texture = baked.texture
     assert texture.vectors is not None
-    vectors = normalize(texture.vectors).astype(np.float32)
-    closed = texture.known & (np.linalg.norm(texture.vectors, axis=-1) <= _CLOSED)
-    if closed.any():
-        surface = TexelSurface.of(baked)
+    vectors = texture.vectors.copy()
+    closed = texture.known & (np.einsum("hwx,hwx->hw", vectors, vectors) <= _CLOSED**2)
+    surface = TexelSurface.of(baked) if space != "world" or closed.any() else None
+    if surface is not None:
         of_closed = closed.ravel()[surface.index]
         vectors.reshape(-1, 3)[surface.index[of_closed]] = surface.normals()[of_closed]
-    return normalize(_finished(baked, vectors, options, space)).astype(np.float32)
+    return normalize(_finished(baked, vectors, options, space, surface)).astype(np.float32)
 
 
 def spherical_harmonics(baked: Baked, options: BakeOptions, space: BentSpace = "world") -> Float32Array:
     """Return the AO and the visibility vectors of a bake that has these, (height, width, 4) float32."""
     assert baked.texture.vectors is not None
-    vectors = _finished(baked, baked.texture.vectors, options, space)
+    surface = None if space == "world" else TexelSurface.of(baked)
+    vectors = _finished(baked, baked.texture.vectors, options, space, surface)
     return np.concatenate([baked.texture.values[..., None], vectors], axis=-1)
 
 
@@ -74,11 +76,13 @@ def _with_green(vectors: Float32Array, options: BakeOptions) -> Float32Array:
     return vectors if options.green == "up" else vectors * np.array((1.0, -1.0, 1.0), np.float32)
 
 
-def _finished(baked: Baked, vectors: Float32Array, options: BakeOptions, space: BentSpace) -> Float32Array:
-    """Return vectors of the known texels in a space, padded and filled as the AO."""
+def _finished(
+    baked: Baked, vectors: Float32Array, options: BakeOptions, space: BentSpace, surface: "TexelSurface | None"
+) -> Float32Array:
+    """Return vectors of the known texels in a space, padded and filled as the AO; `surface` for spaces but world."""
     texture = baked.texture
-    if space != "world":
-        vectors = TexelSurface.of(baked).turned(vectors, space)
+    if surface is not None:
+        vectors = surface.turned(vectors, space)
     return finish(vectors, texture.known, texture.valid, options.padding, options.fill, repeats=baked.atlas.repeats)
 
 
@@ -136,27 +140,28 @@ class TexelSurface:
         chosen = nearest.ravel()[index]
         return cls(index, Samples(samples.faces[chosen], samples.weights[chosen]), baked)
 
-    def interpolated(self, corners: Float32Array) -> Float64Array:
-        """Return values at the corners of faces, (f, 3, c), at the texels, (k, c)."""
-        values: Float64Array = np.einsum("kc,kcx->kx", self.samples.weights.astype(float), corners[self.samples.faces])
-        return values
+    def interpolated(self, corners: Float32Array) -> Float32Array:
+        """Return vectors at the corners of faces, (f, 3, 3), at the texels, (k, 3), normalised."""
+        faces, weights = self.samples.faces, self.samples.weights
+        vectors = sum(weights[:, corner, None] * corners[faces, corner] for corner in range(3))
+        return normalize(np.asarray(vectors)).astype(np.float32)
 
-    def normals(self) -> Float64Array:
+    def normals(self) -> Float32Array:
         """Return the shading normals at the texels, (k, 3) unit vectors."""
-        return normalize(self.interpolated(self.baked.normals))
+        return self.interpolated(self.baked.normals)
 
     def turned(self, vectors: Float32Array, space: BentSpace) -> Float32Array:
         """Return an image of vectors in the space of the scene, (height, width, 3), in another; their lengths stay."""
         if space == "world":
             return vectors
         flat = vectors.reshape(-1, 3)
-        before = flat[self.index].astype(np.float64)
+        before = flat[self.index]
         after = self._in_parts(before) if space == "object" else self._tangential(before)
         turned: Float32Array = np.zeros_like(flat)
         turned[self.index] = normalize(after) * np.linalg.norm(before, axis=1, keepdims=True)
         return turned.reshape(vectors.shape)
 
-    def _in_parts(self, vectors: Float64Array) -> Float64Array:
+    def _in_parts(self, vectors: Float32Array) -> Float32Array:
         """Return vectors as normals are stored: a viewer's normal matrix, the inverse transpose, gives them back."""
         faces, weights, result = self.samples.faces, self.samples.weights, vectors.copy()
         for part in self.baked.scene.parts:
@@ -169,18 +174,18 @@ class TexelSurface:
                 result[own] = np.einsum("kc,kx,kcxy->ky", weights[own], vectors[own], at_corners)
         return result
 
-    def _tangential(self, vectors: Float64Array) -> Float64Array:
+    def _tangential(self, vectors: Float32Array) -> Float32Array:
         """Return the coordinates of vectors in the basis that viewers such as three.js use.
 
         Its columns are tangent, bitangent and normal, each interpolated between the corners and then normalised.
         """
         baked = self.baked
         tangents = scene_tangents(baked.scene, baked.atlas, baked.normals)
-        bitangents = np.cross(baked.normals, tangents[..., :3]) * tangents[..., 3:]
-        columns = [self.interpolated(values) for values in (tangents[..., :3], bitangents)]
-        basis = np.stack([*map(normalize, columns), self.normals()], axis=2)
-        flat = np.abs(np.linalg.det(basis)) < 1e-6  # opposite tangents cancel: no viewer has a basis there
-        basis[flat] = np.eye(3)
-        coordinates: Float64Array = np.linalg.solve(basis, vectors[..., None])[..., 0].astype(np.float64)
-        coordinates[flat] = np.linalg.norm(vectors[flat], axis=1, keepdims=True) * (0, 0, 1)
-        return coordinates
+        across = (np.cross(baked.normals, tangents[..., :3]) * tangents[..., 3:]).astype(np.float32)
+        tangent, bitangent, normal = (self.interpolated(each) for each in (tangents[..., :3], across, baked.normals))
+        rows = np.cross(bitangent, normal), np.cross(normal, tangent), np.cross(tangent, bitangent)
+        volume = np.einsum("kx,kx->k", tangent, rows[0])
+        flat = np.abs(volume) < _FLAT  # opposite tangents cancel: no viewer has a basis there
+        along = np.stack([np.einsum("kx,kx->k", row, vectors) for row in rows], axis=1)
+        along[flat] = 0, 0, 1
+        return (along / np.where(flat, 1, volume)[:, None]).astype(np.float32)

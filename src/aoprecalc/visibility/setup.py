@@ -33,6 +33,8 @@ _PER_COVERED_TEXEL = 24  # its index, and the sums of both halves
 _PER_CHUNK_TEXEL = 60  # its sample, its receiver, its sums
 _PER_TEXTURE_TEXEL_SOLVING = 76  # while the least-squares image is solved and no visibility is computed
 _PER_CHUNK_TEXEL_SOLVING = 16  # freed memory that the allocator keeps during the solve
+# More where visibility vectors are gathered too: three values for each one.
+_VECTORS = {"texture": 24, "covered": 24, "chunk": 40, "solving": 48}
 _PER_TRIANGLE = 400  # while occluders are sorted and uploaded
 _MAPS = 1 << 26  # a batch of depth maps, unless a single axis takes more
 _REST = 80 << 20  # that batch, and what the renderer compiles and keeps
@@ -40,7 +42,14 @@ _VARIATION = 16  # megabytes by which the resident memory differs from one run t
 
 
 def texels_per_chunk(
-    memory_limit: int | None, size: str, texture_texels: int, covered_texels: int, map_bytes: int, triangles: int
+    memory_limit: int | None,
+    size: str,
+    texture_texels: int,
+    covered_texels: int,
+    map_bytes: int,
+    triangles: int,
+    *,
+    vectors: bool = False,
 ) -> int:
     """Return how many texels can be processed at a time within `memory_limit` bytes; None is no limit.
 
@@ -51,6 +60,7 @@ def texels_per_chunk(
     texture_texels    of which the surface covers `covered_texels`
     map_bytes         of the depth maps of one axis
     triangles         of the mesh
+    vectors           visibility vectors are gathered too
     Raises UsageError where not even FIT_CHUNK texels fit.
     """
     largest = _MAX_FIT_CHUNKS * FIT_CHUNK
@@ -61,6 +71,10 @@ def texels_per_chunk(
     def needed(chunk: int) -> int:
         gathering = texture_texels * _PER_TEXTURE_TEXEL + covered_texels * _PER_COVERED_TEXEL + chunk * _PER_CHUNK_TEXEL
         solving = texture_texels * _PER_TEXTURE_TEXEL_SOLVING + chunk * _PER_CHUNK_TEXEL_SOLVING
+        if vectors:
+            gathering += texture_texels * _VECTORS["texture"] + covered_texels * _VECTORS["covered"]
+            gathering += chunk * _VECTORS["chunk"]
+            solving += texture_texels * _VECTORS["solving"]
         return present + max(gathering, solving)
 
     for chunk in range(largest, 0, -FIT_CHUNK):
