@@ -20,8 +20,18 @@ from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.gather import LocalVisibility, gather
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 from gltf_kit.baked_by_hand import make_atlas
-from gltf_kit.gltf_animated import HINGE, box_with_lid, box_with_still_lid, clip, strip_over_a_joint, turn
+from gltf_kit.gltf_animated import (
+    HINGE,
+    box_with_lid,
+    box_with_still_lid,
+    clip,
+    flat_primitive,
+    open_box,
+    strip_over_a_joint,
+    turn,
+)
 from gltf_kit.gltf_maker import GltfMaker
+from shapes import triangle_a_cell
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])
 
@@ -44,7 +54,7 @@ def values(scene, *pose, **options):
 def measured(scene, backend, **options):
     """What is measured of each texel before an image is fitted to it."""
     options = BakeOptions(size=64, directions=256, backend=backend, **options)
-    scene = with_poses(assign_roles(scene, options), options)
+    scene = with_poses(assign_roles(scene, options, share=options.instances == "share"), options)
     with open_backend(options, Progress()) as opened:
         atlas = make_atlas(scene, "keep")
         setup = BakeSetup(opened, BakeInputs(scene, atlas, scene.normals, options))
@@ -105,6 +115,26 @@ def test_bent_normals_are_those_of_the_rest_pose_where_all_turns(tmp_path, backe
         cosines = np.einsum("kx,kx->k", rest.vectors, posed.vectors)
         cosines /= np.linalg.norm(rest.vectors, axis=1) * np.linalg.norm(posed.vectors, axis=1)
         assert np.median(np.degrees(np.arccos(cosines.clip(-1, 1)))) < 2
+
+
+@backends
+def test_bent_normals_of_instances_are_those_of_the_first_where_another_turns(tmp_path, backend):
+    """Two open boxes far apart, which see as much wherever they stand."""
+    maker = GltfMaker(tmp_path)
+    walls = open_box()[0]
+    mesh = maker.mesh(flat_primitive(maker, walls, triangle_a_cell(len(walls[1]))))
+    maker.node(name="still", mesh=mesh)
+    rolls = maker.node(name="rolls", mesh=mesh, translation=[200, 0, 0])
+    clip(maker, "roll", (rolls, "rotation", [0], [turn((1, 0, 0), 90)]))
+    scene, how = maker.load(), {"backend": backend, "bent_normals": True, "instances": "share"}
+    rest, rolled = (measured(scene, pose=pose, **how) for pose in ((), ("roll@0",)))
+    cosines = np.einsum("kx,kx->k", rest.vectors, rolled.vectors)
+    cosines /= np.linalg.norm(rest.vectors, axis=1) * np.linalg.norm(rolled.vectors, axis=1)
+    assert np.median(np.degrees(np.arccos(cosines.clip(-1, 1)))) < 5
+
+
+def test_a_time_has_one_spelling():
+    assert ValueOptions(pose=("walk@1.0", "walk@1", "walk@01", "a@b@.50")).pose == ("walk@1", "a@b@0.5")
 
 
 def test_the_order_of_poses_does_not_matter_nor_does_a_pose_twice(lidded):

@@ -1,8 +1,11 @@
 """The light of a sky: closed forms by maps, by rays and by the reference; images; what is no sky."""
 
+import json
+
 import numpy as np
 import OpenImageIO
 import pytest
+import trimesh
 
 import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
@@ -17,7 +20,7 @@ from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.sky import ImageSky, sky_image
 from pipeline.helpers import run
-from shapes import box, clutter, quad, quad_uvs, scene, scene_of_parts
+from shapes import box, clutter, quad, quad_uvs, scene_of_parts
 
 BACKENDS = ["gl", "ray", "reference"]
 FRAME = np.array([(1, 0, 0), (0, -1, 0), (0, 0, 1.0)])  # of the axis z
@@ -187,10 +190,12 @@ def test_a_sky_has_an_axis_that_points_up_and_no_plain_mean():
 
 
 def test_the_command_line_takes_a_word_or_a_file(tmp_path):
-    saved(tmp_path / "sky.hdr", np.ones((8, 16)))
-    (tmp_path / "b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    for sky in ("overcast", "sky.hdr"):
-        assert run(tmp_path, "bake", "b.obj", "--sky", sky, "--size", 64, "-n", 64).returncode == 0
+    saved(tmp_path / "sky.hdr", np.tile(np.arange(16) < 8, (8, 1)))  # light from one side
+    trimesh.Trimesh(*clutter(6), process=False).export(tmp_path / "b.obj")
+    means = set()
+    for sky in ("uniform", "overcast", "sky.hdr"):
+        done = run(tmp_path, "bake", "b.obj", "--sky", sky, "--size", 64, "-n", 64, "--json", "-q")
+        means.add(json.loads(done.stdout)["ao"]["mean"])
+    assert len(means) == 3
     done = run(tmp_path, "bake", "b.obj", "--sky", "over", "--size", 64, "-n", 64)
     assert (done.returncode, len(done.stderr.splitlines())) == (4, 1)
-    assert scene(*box()).sky is None

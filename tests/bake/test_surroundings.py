@@ -10,7 +10,7 @@ from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions, VerifyOptions
 from pipeline.helpers import run
-from shapes import box, clutter, quad, quad_uvs, scene, scene_of_parts
+from shapes import box, clutter, join, quad, quad_uvs, scene, scene_of_parts
 
 QUICK = {"directions": 256, "size": 64}
 
@@ -54,6 +54,50 @@ def test_new_uvs_do_not_depend_on_the_surroundings(tmp_path):
     assert (alone.mesh.uvs == covered.mesh.uvs).all()
     assert covered.report.ao.mean < alone.report.ao.mean - 0.1
     assert "roof.obj: occludes with 2 triangles" in covered.report.notes
+
+
+def test_the_mesh_of_a_bake_stands_alone_again(tmp_path):
+    mesh, roof = ao.Mesh(*box()), saved(tmp_path, "roof.obj", quad((-5, -5, 2), (10, 0, 0), (0, 10, 0)))
+    covered = ao.bake(mesh, BakeOptions(occluder=roof, sky="overcast", ground=True, **QUICK))
+    assert (ao.bake(covered.mesh, BakeOptions(**QUICK)).ao == 1).all()
+    with_roof = ao.verify(covered.mesh, options=VerifyOptions(points=500, rays=256)).error
+    assert with_roof < 0.06
+    assert ao.verify(covered.mesh, options=VerifyOptions(occluder=(), points=500, rays=256)).error > 2 * with_roof
+
+
+def test_new_uvs_do_not_depend_on_which_sides_occlude():
+    sheet = quad((-2, -2, 1.5), (4, 0, 0), (0, 4, 0))
+    uvs = [
+        ao.bake(ao.Mesh(*join(clutter(2), sheet)), BakeOptions(backfaces=sides, **QUICK)).mesh.uvs
+        for sides in ("occlude", "ignore")
+    ]
+    assert (uvs[0] == uvs[1]).all()
+
+
+def test_files_of_one_name_are_told_apart_by_their_paths_alone(tmp_path):
+    for name, height in (("a", 2), ("b", -2)):
+        (tmp_path / name).mkdir()
+        saved(tmp_path / name, "wall.obj", quad((-5, -5, height), (10, 0, 0), (0, 10, 0)))
+    files = tmp_path / "a" / "wall.obj", tmp_path / "b" / "wall.obj"
+    made = ao.bake(saved(tmp_path, "m.obj", box()), BakeOptions(occluder=files, **QUICK)).save(f"{tmp_path}/out/").mesh
+    few = {"points": 200, "rays": 64}
+    with pytest.raises(InputError, match=r"was baked with several files named wall.obj; give the paths with occluder"):
+        ao.verify(made, options=VerifyOptions(**few))
+    assert ao.verify(made, options=VerifyOptions(occluder=files, **few)).error < 0.1
+
+
+def test_a_file_of_that_name_in_the_present_folder_is_another(tmp_path, monkeypatch):
+    for name in ("out", "elsewhere"):
+        (tmp_path / name).mkdir()
+        saved(tmp_path / name, "roof.obj", quad((-5, -5, 2), (10, 0, 0), (0, 10, 0)))
+    mesh = saved(tmp_path, "b.obj", box())
+    made = ao.bake(mesh, BakeOptions(occluder=tmp_path / "out/roof.obj", **QUICK)).save(f"{tmp_path}/out/").mesh
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    few = {"points": 200, "rays": 64}
+    ao.verify(made, options=VerifyOptions(**few))
+    (tmp_path / "out" / "roof.obj").unlink()
+    with pytest.raises(InputError, match=r"was baked with roof.obj, which is not in the folder"):
+        ao.verify(made, options=VerifyOptions(**few))
 
 
 def test_glass_and_collision_hulls_of_a_file_let_light_pass_unless_asked_for(tmp_path):

@@ -74,8 +74,8 @@ def detailed_meshes(high: Sequence[MeshLike], options: ValueOptions | VerifyOpti
 
 
 def names_of(scenes: Sequence[Scene]) -> tuple[str, ...]:
-    """Return what stands for meshes in memory in the place of paths."""
-    return tuple(scene.path.name for scene in scenes)
+    """Return what stands for detailed meshes in the options: their paths; of those in memory, their names."""
+    return tuple(str(scene.path) for scene in scenes)
 
 
 def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[Scene] = ()) -> Scene:
@@ -104,7 +104,9 @@ def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[
     detail = Detail(surface, normals, matches.partners, cage_at(low, 0.0))
     detail = replace(detail, cage=_chosen_cage(low, detail, options, threads))
     messages = [*(line for scene in scenes for line in differences(low, scene)), *_on_matches(low, surface, matches)]
-    read = [Note(f"{', '.join(names_of(scenes))}: {counted(len(surface.faces), 'triangle')} of details")]
+    read = [
+        Note(f"{', '.join(scene.path.name for scene in scenes)}: {counted(len(surface.faces), 'triangle')} of details")
+    ]
     return replace(
         low,
         detail=detail,

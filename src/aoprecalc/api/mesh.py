@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from aoprecalc.errors import ArgumentError, counted
 from aoprecalc.io import load_scene, scene_from_arrays, texture_values
 from aoprecalc.io.meshes import scene_in_pose
+from aoprecalc.mesh.roles import without_surroundings
 from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.options import ValueOptions
@@ -221,16 +222,13 @@ class BakedMesh(Mesh):
         uvs   (f, 3, 2) float64: those of the texture
         """
         own = replace(
-            baked.scene,
+            without_surroundings(baked.scene),
             format="",
             uv_sets=(uvs,),
             normals=baked.normals,
             document=None,
             warnings=(),
             notes=(),
-            ground_normal=None,
-            detail=None,
-            ground_height=None,
         )
         return cls._of(own, mesh.vertices, mesh.faces, mesh.name, baked.texture.values, baked.options)
 

@@ -11,7 +11,7 @@ from aoprecalc.io import load_scene
 from aoprecalc.io.images import read_pixels
 from aoprecalc.mesh.opaque_triangles import opaque_triangles
 from aoprecalc.mesh.roles import finest_level
-from aoprecalc.options import ValueOptions
+from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import named_files, with_files
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
@@ -89,26 +89,24 @@ def differences(scene: Scene, other: Scene) -> Iterator[str]:
             yield f"{found}; both are taken as they are written, export them alike"
 
 
-def files_beside(options: ValueOptions, scene: Scene, texture: str) -> ValueOptions:
-    """Return the options of a bake with paths for the names of files, which are all that its texture has.
+def files_beside(options: ValueOptions, given: VerifyOptions, scene: Scene, texture: str) -> ValueOptions:
+    """Return the options of a bake with paths beside the mesh for the names of files, which are all that a texture has.
 
-    options   as a texture says them, or as they were given, with paths
-    scene     the mesh, beside which the files are looked for
+    given     options that were given instead, with paths
     texture   its name, for messages
 
-    Raises InputError where a file is neither there nor at the path itself.
+    Raises InputError where a file is not there, and where several have one name.
     """
-    found = with_files(options, lambda name: _beside(name, scene.path.parent))
+    own = {name: getattr(options, name) for name in named_files(options) if getattr(given, name) is not None}
+    found = replace(with_files(options, lambda name: str(scene.path.parent / name)), **own)
     for option, paths in named_files(found).items():
+        if option in own:
+            continue
+        names, advice = [Path(path).name for path in paths], f"give the paths with {option_name(option)}"
+        if len(set(names)) < len(names):
+            raise InputError(f"{texture}: was baked with several files named {max(names, key=names.count)}; {advice}")
         for path in paths:
             if not Path(path).is_file():
-                raise InputError(
-                    f"{texture}: was baked with {Path(path).name}, which is not in the folder of {scene.path}; "
-                    f"give its path with {option_name(option)}"
-                )
+                missing = f"was baked with {Path(path).name}, which is not in the folder of {scene.path}"
+                raise InputError(f"{texture}: {missing}; {advice}")
     return found
-
-
-def _beside(path: str, folder: Path) -> str:
-    beside = folder / path
-    return str(beside) if beside.is_file() else path

@@ -203,7 +203,9 @@ def verify(
         outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
         for key, path in paths.items():
             claim_output(outputs, wanted[key][0], path)
-        value = surface.options if details else files_beside(surface.options, surface.scene, picture.name)
+        value = surface.options  # of a mesh in memory, with paths
+        if mesh.ao is None:
+            value = files_beside(value, options, surface.scene, picture.name)
         outputs.protect(map(Path, option_files(value)))
         surface = replace(surface, scene=with_poses(surface.scene, value))
         scene = with_detail(with_surroundings(surface.scene, value), value, options.threads, details)

@@ -54,7 +54,8 @@ def detail_of(scene: Scene) -> Detail | None:
 def detailed_surface(scenes: Sequence[Scene], low: Scene, options: ValueOptions) -> tuple[Scene, Float32Array]:
     """Join the meshes of a detailed surface; return it with roles, and its shading normals, (g, 3, 3) float32.
 
-    It stands where the low scene does: on the same ground, among the same surroundings.
+    It stands among the surroundings of the low scene, and on its ground where the height of that is given; else the
+    ground is at the lowest point of the detailed surface.
     Names of parts in `options` are those of the low mesh and do not count here. Collision hulls and coarser levels of
     detail are left out. Raises InputError where normals are asked for that a mesh does not have.
     """

@@ -43,6 +43,13 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
     )
 
 
+def without_surroundings(scene: Scene) -> Scene:
+    """Return a scene alone: no ground, sky, occluders of other files or detailed surface; backs occlude, too."""
+    return replace(
+        scene, ground_normal=None, ground_height=None, sky=None, surroundings=None, backs_occlude=True, detail=None
+    )
+
+
 def _with_roles(part: Part, number: int, options: LightOptions) -> Part:
     hull = part.hull and not _is_named(part, [*options.only, *options.occluders_only])  # unless the user asks for it
     included = not hull and not _is_named(part, options.exclude)

@@ -123,12 +123,13 @@ ThreadsField = Annotated[int, _run(
     more="A process keeps the number that its first bake asked for.")]
 
 
-def check_pose(pose: str) -> None:
-    """Raise ArgumentError unless a text names an animation and a time."""
+def plain_pose(pose: str) -> str:
+    """Return an animation and a time in one spelling, walk@1 for walk@1.0; raises ArgumentError for other texts."""
     name, at, seconds = pose.rpartition("@")
     if not (name and at and re.fullmatch(r"\d+(\.\d*)?|\.\d+", seconds)):
         expected = "an animation and seconds such as 'walk@0.5' were expected"
         raise ArgumentError("pose", f"has {pose!r}; {expected}")
+    return f"{name}@{repr(float(seconds)).removesuffix('.0')}"
 
 
 @documented
@@ -207,8 +208,7 @@ class ValueOptions(LightOptions):
             raise ArgumentError(
                 "estimator", "is 'mean', whose divisor is that of a uniform sky; omit it, or {sky}", "sky"
             )
-        for pose in self.pose:
-            check_pose(pose)
+        object.__setattr__(self, "pose", tuple(dict.fromkeys(map(plain_pose, self.pose))))
         if self.pose and self.high:
             raise ArgumentError("pose", "is of the mesh, but light is measured on the one of {high}; omit one", "high")
 

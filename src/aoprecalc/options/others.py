@@ -35,7 +35,7 @@ from aoprecalc.options.bake import (
     UpField,
     ValueOptions,
     WeightField,
-    check_pose,
+    plain_pose,
 )
 from aoprecalc.options.fields import Option, Validated, documented, option_field, option_fields
 from aoprecalc.options.quantities import BYTES, LEVELS, NONE, SIZE, VECTOR
@@ -194,7 +194,7 @@ class PreviewOptions(Validated):
             object.__setattr__(self, "height", height)
         super().__post_init__()
         if self.pose is not None:
-            check_pose(self.pose)
+            object.__setattr__(self, "pose", plain_pose(self.pose))
         if self.turntable and self.views > 1:
             raise ArgumentError("turntable", "and {views} both say which views to draw; use one of them", "views")
         count = self.frames if self.turntable else self.views

@@ -171,7 +171,7 @@ class VisibilityTask:
 
 @dataclass(frozen=True, eq=False)
 class VisibilitySums:
-    """The visibility sums of a task, (stop - start, 2) float32, and the seconds that they took."""
+    """The visibility sums of a task, (stop - start, columns) float32, and the seconds that they took."""
 
     sums: Float32Array
     seconds: float = 0.0
@@ -300,9 +300,12 @@ def _summarise(report: BakeReport) -> dict[str, Any]:
 def _with_user_paths(job: Job, mesh_name: str, text: str) -> str:
     """Return a message, on one line, with the absolute paths of a job replaced by paths that the user knows.
 
-    mesh_name   replaces the path of the mesh; files beside the mesh get its folder, outputs get none
+    mesh_name   replaces the path of the mesh; files beside the mesh get its folder, outputs get none, and files that
+                options name the path from the outputs
     """
     parent = os.path.dirname(mesh_name)
     beside = f"{parent}/" if parent else ""
+    for file in job.spec.files:
+        text = text.replace(str(file), path_from(file, job.folder))
     text = text.replace(f"{job.folder}/", "").replace(str(job.mesh), mesh_name).replace(f"{job.mesh.parent}/", beside)
     return " ".join(text.split())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.roles import without_surroundings
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.types import (
@@ -202,8 +203,7 @@ def first_look(
 
 
 def _front_only(scene: Scene) -> Scene:
-    """Return a scene in its rest pose without ground and surroundings, of which the fronts count; its detail too."""
+    """Return a scene alone in its rest pose, of which the fronts are baked; its detail too."""
     parts, detail = tuple(replace(part, two_sided=False) for part in scene.parts), detail_of(scene)
     front = None if detail is None else replace(detail, scene=_front_only(detail.scene))
-    alone = replace(scene, parts=parts, ground_normal=None, ground_height=None, surroundings=None, poses={})
-    return replace(alone, detail=front)
+    return replace(without_surroundings(scene), parts=parts, poses={}, detail=front)

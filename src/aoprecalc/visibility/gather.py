@@ -177,11 +177,28 @@ class LocalVisibility:
         """Yield the sums in each pose, their vectors turned to the rest pose."""
         for pose, surface in enumerate(self._side.surfaces):
             tester = self._only or self._make_tester(surface)
+            if self._turns is not None:
+                tester = _TurnedTester(tester, self._turns[pose])
             sums = self._instances.accumulate(tester, samples, axes, group, self._progress)
             del tester  # before the next one is made
-            if self._turns is not None:
-                sums[:, 2:] = np.einsum("kx,kxy->ky", sums[:, 2:], self._turns[pose, samples.faces])
             yield sums
+
+
+@dataclass(frozen=True, eq=False)
+class _TurnedTester:
+    """A VisibilityTester in a pose, whose vectors are turned to the rest pose with the faces.
+
+    turns   (f, 3, 3) float32: see `turns_to_rest`
+    """
+
+    tester: VisibilityTester
+    turns: Float32Array
+
+    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
+        """Return the sums of the samples, see VisibilityTester."""
+        sums = self.tester.accumulate(samples, axes, progress)
+        sums[:, 2:] = np.einsum("kx,kxy->ky", sums[:, 2:], self.turns[samples.faces])
+        return sums
 
 
 def gather_one_direction(

@@ -99,7 +99,7 @@ class ImageSky:
         )  # of a pixel, along each side
         fine = replace(self, image=np.repeat(np.repeat(self.image, parts, axis=0), parts, axis=1))
         centers, areas = fine._pixel_centers()
-        nearest = KDTree(directions).query(centers, workers=-1)[1]
+        nearest = KDTree(directions).query(centers)[1]
         light, area = (
             np.bincount(nearest, weights, minlength=len(directions)) for weights in (areas * fine.image.ravel(), areas)
         )
