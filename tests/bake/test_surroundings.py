@@ -10,7 +10,7 @@ from aoprecalc.errors import InputError
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions, VerifyOptions
 from pipeline.helpers import run
-from shapes import box, clutter, join, quad, quad_uvs, scene, scene_of_parts
+from shapes import box, clutter, quad, quad_uvs, scene, scene_of_parts
 
 QUICK = {"directions": 256, "size": 64}
 
@@ -65,13 +65,12 @@ def test_the_mesh_of_a_bake_stands_alone_again(tmp_path):
     assert ao.verify(covered.mesh, options=VerifyOptions(occluder=(), points=500, rays=256)).error > 2 * with_roof
 
 
-def test_new_uvs_do_not_depend_on_which_sides_occlude():
-    sheet = quad((-2, -2, 1.5), (4, 0, 0), (0, 4, 0))
-    uvs = [
-        ao.bake(ao.Mesh(*join(clutter(2), sheet)), BakeOptions(backfaces=sides, **QUICK)).mesh.uvs
-        for sides in ("occlude", "ignore")
-    ]
-    assert (uvs[0] == uvs[1]).all()
+@pytest.mark.parametrize("way", [{"backfaces": "ignore"}, {"self_occlusion": "part"}], ids=str)
+def test_new_uvs_do_not_depend_on_what_occludes(way):
+    made = scene_of_parts(clutter(2), quad((-2, -2, 1.5), (4, 0, 0), (0, 4, 0)))
+    usual, other = (bake_scene(made, BakeOptions(**QUICK, **options)) for options in ({}, way))
+    assert (usual.atlas.uvs == other.atlas.uvs).all()
+    assert (usual.texture.values != other.texture.values).any()
 
 
 def test_files_of_one_name_are_told_apart_by_their_paths_alone(tmp_path):

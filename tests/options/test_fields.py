@@ -49,14 +49,14 @@ def test_every_field_is_documented(kind):
 @pytest.mark.parametrize("command", CLASSES)
 def test_every_field_is_an_option_of_the_command(command):
     names = {name for entry in main.commands[command].params for name in entry.opts}
-    assert {option_name(field.name) for field in option_fields(CLASSES[command]) if not field.option.part_of} <= names
+    assert {option_name(field.name) for field in option_fields(CLASSES[command]) if field.on_command_line} <= names
 
 
 @pytest.mark.parametrize("command", CLASSES)
 def test_a_command_without_options_has_the_defaults_of_the_class(command):
     given = main.commands[command].make_context(command, ["a.obj", "b.obj"][: 1 + (command == "compare")]).params
     for field in option_fields(CLASSES[command]):
-        if not field.option.part_of:
+        if field.on_command_line:
             value = given[field.name]
             assert value == field.default or (not value and field.kind in ("names", "files", "integers")), field.name
 

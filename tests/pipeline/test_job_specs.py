@@ -52,7 +52,7 @@ def read_job_spec(bake, spheres):
 def said_of(kind):
     """(field, what a table says, what the options hold) for every field but those that others set."""
     for field in fields(kind):
-        if option_field(kind, field.name).option.part_of:
+        if not option_field(kind, field.name).on_command_line:
             continue
         hint = get_type_hints(kind)[field.name]
         for written, meant in WRITTEN.get(field.name, {}).items():

@@ -86,7 +86,7 @@ def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[
 
     Raises RendererError where embreex is missing, InputError where a file cannot be used or the cage is not of this
     mesh, and where normals are asked for that a mesh lacks; UsageError for an unknown extension, and for a cage or
-    names of parts without details, and for details together with poses or with texels that instances share.
+    names of parts without details, and for details together with texels that instances share.
     """
     if not (high or options.high):
         for argument in ("cage", "match"):
@@ -95,8 +95,6 @@ def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[
         return low
     if options.instances == "share":
         raise ArgumentError("instances", "is 'share', but each texel gets one point of {high}; omit one", "high")
-    if low.poses:
-        raise ArgumentError("pose", "moves the mesh, but not the details of {high}; omit one", "high")
     require_embreex()
     scenes = high or [load_scene(path) for path in options.high]
     surface, normals = detailed_surface(scenes, low, options)

@@ -127,7 +127,7 @@ def options_of(kind: type) -> Callable[[Declared], Declared]:
 
     def declare(command: Declared) -> Declared:
         for field in reversed(option_fields(kind)):
-            if not field.option.part_of:
+            if field.on_command_line:
                 command = _option_of(kind, field)(command)
         return command
 

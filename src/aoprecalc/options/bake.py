@@ -303,7 +303,7 @@ class BakeOptions(_TextureSize, ValueOptions):
         "either way; other formats hold neither.")] = "none"
     bent_normals: Annotated[bool, _output(
         "Measure bent normals and spherical harmonics as well.",
-        more="Files of a bake that hold them switch it on.", part_of="bent_normals")] = False
+        more="Files of a bake that hold them switch it on.", hidden=True)] = False
     bent_space: Annotated[BentSpace, _texture(
         "Space of bent normals and spherical harmonics: tangent to the surface, the part's own, or the world.",
         more="tangent: the file's tangents, else those of MikkTSpace, which a glTF then gets. object: that of the glTF "

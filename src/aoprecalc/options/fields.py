@@ -61,6 +61,7 @@ class Option:
     none           text that stands for None, where None may be "as baked" instead
     off            flag that switches it off
     part_of        option of the command line that sets this argument
+    hidden         an argument of Python that no option of the command line sets
     instead_of     option that this one takes the place of
     """
 
@@ -80,6 +81,7 @@ class Option:
     none: str = ""
     off: str = ""
     part_of: str = ""
+    hidden: bool = False
     instead_of: str = ""
 
 
@@ -103,6 +105,11 @@ class OptionField:
     init_only: bool
     as_baked: bool
     option: Option
+
+    @property
+    def on_command_line(self) -> bool:
+        """Whether the command line and manifests have an option for it, of its own name."""
+        return not (self.option.part_of or self.option.hidden)
 
     @property
     def kind(self) -> Kind:
@@ -311,7 +318,7 @@ def documented(kind: OptionsClass) -> OptionsClass:
     """
     lines = ["", "Parameters", "----------"]
     for field in option_fields(kind):
-        parts = [f"`{part.name}`" for part in option_fields(kind) if part.option.part_of == field.name != part.name]
+        parts = [f"`{part.name}`" for part in option_fields(kind) if part.option.part_of == field.name]
         default = " x ".join(parts) or _default_text(field)
         lines.append(f"{field.name} : {_type_text(field)}, default {default}")
         lines += wrap(description(field), 112, initial_indent="    ", subsequent_indent="    ")
@@ -350,7 +357,7 @@ def _default_text(field: OptionField) -> str:
 
 def as_words(options: Any) -> list[str]:
     """Return the words of a command line that stand for options; those with their default values are left out."""
-    values = {field: getattr(options, field.name) for field in option_fields(type(options)) if not field.option.part_of}
+    values = {field: getattr(options, field.name) for field in option_fields(type(options)) if field.on_command_line}
     given = {field: value for field, value in values.items() if value != field.default}
     replaced = {field.option.instead_of for field in given}
     return [word for field, value in given.items() if field.name not in replaced for word in field.words(value)]

@@ -58,7 +58,7 @@ def _extension(known: tuple[str, ...]) -> Any:
 
 def _table_type(name: str, kind: type, **others: Any) -> type[Struct]:
     """Return the type of a table with the options of a class, and with others; what it does not give is UNSET."""
-    types = {field.name: _type_of(field) for field in option_fields(kind) if not field.option.part_of} | others
+    types = {field.name: _type_of(field) for field in option_fields(kind) if field.on_command_line} | others
     fields = [(key, types[key] | UnsetType, UNSET) for key in sorted(types)]
     return defstruct(name, fields, forbid_unknown_fields=True, kw_only=True)
 
@@ -111,31 +111,31 @@ def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
     made: dict[str, Any] = {}
     if bake is not None:
         rest = dict(bake)
-        made["bake_output"] = _suffixes(rest.pop("output", JobSpec.bake_output), _BAKE_OUTPUTS)
+        made["bake_output"] = _suffixes("output", rest.pop("output", JobSpec.bake_output), _BAKE_OUTPUTS)
         made["verify"] = rest.pop("verify", JobSpec.verify)
         for name, known in (("bent_normals", IMAGE_EXTENSIONS), ("sh", HARMONICS_EXTENSIONS)):
             if name in rest:
-                made[name] = _suffixes(rest.pop(name), known)[0]
+                made[name] = _suffixes(name, rest.pop(name), known)[0]
         made["bake"] = BakeOptions(**rest, bent_normals="bent_normals" in made or "sh" in made)
         plan_bake("", tuple(f"<name>_ao{suffix}" for suffix in made["bake_output"]), None, None, made["bake"])
     if spheres is not None:
         if len(counts := sorted(COUNTS & spheres.keys())) > 1:
             raise ArgumentError(counts[0], f"and {{{counts[1]}}} both say how many spheres; use one of them", counts[1])
         rest = dict(spheres)
-        made["spheres_output"] = _suffixes(rest.pop("output", JobSpec.spheres_output), SPHERE_EXTENSIONS)
+        made["spheres_output"] = _suffixes("output", rest.pop("output", JobSpec.spheres_output), SPHERE_EXTENSIONS)
         made["spheres"] = SphereOptions(**rest)
     return JobSpec(**made)
 
 
-def _suffixes(output: Any, known: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the extensions that an argument `output` names, each once; raises ArgumentError for anything else."""
+def _suffixes(argument: str, output: Any, known: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the extensions that an argument names, each once; raises ArgumentError for anything else."""
     wanted = (output,) if isinstance(output, str) else tuple(output)
     if not wanted:
-        raise ArgumentError("output", f"is empty; expected an extension, one of {', '.join(known)}")
+        raise ArgumentError(argument, f"is empty; expected an extension, one of {', '.join(known)}")
     for suffix in wanted:
         if suffix not in known:
             found = f"is {suffix!r}; for the results of a batch an extension was expected, one of {', '.join(known)}"
-            raise ArgumentError("output", f"{found}; their names come from the meshes")
+            raise ArgumentError(argument, f"{found}; their names come from the meshes")
     return tuple(dict.fromkeys(wanted))
 
 

@@ -203,7 +203,8 @@ def first_look(
 
 
 def _front_only(scene: Scene) -> Scene:
-    """Return a scene alone in its rest pose, of which the fronts are baked; its detail too."""
-    parts, detail = tuple(replace(part, two_sided=False) for part in scene.parts), detail_of(scene)
+    """Return a scene alone in its rest pose, all of whose parts occlude and have one side; its detail too."""
+    parts = tuple(replace(part, two_sided=False, self_occluded=None) for part in scene.parts)
+    detail = detail_of(scene)
     front = None if detail is None else replace(detail, scene=_front_only(detail.scene))
     return replace(without_surroundings(scene), parts=parts, poses={}, detail=front)
