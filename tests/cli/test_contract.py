@@ -76,6 +76,9 @@ def test_the_report_has_what_scripts_read(ring, tmp_path, run):
         "figures": [],
         "references": [{"slot": "map_Kd", "materials": 1, "uvs": "vt", "packed": False, "strength": None}],
         "inverted": False,
+        "textures": ["ring_ao.png"],
+        "bent_normals": [],
+        "sh": [],
     }
     assert report["directions"] == 64
     assert report["backend"] == "gl"
