@@ -1,6 +1,7 @@
 """Bakes of several textures: which faces have which, what each holds, and how files refer to them."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pygltflib
@@ -10,6 +11,7 @@ from PIL import Image
 
 import aoprecalc as ao
 from aoprecalc.api.bake_textures import bake_textures, safe_names
+from aoprecalc.api.report_assets import collect_assets
 from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.errors import ArgumentError
 from aoprecalc.io import load_scene
@@ -219,6 +221,38 @@ def test_results_are_read_back_with_all_their_textures(room, tmp_path, suffix):
     assert drawn.ao == pytest.approx(result.ao, abs=0.51 / 255)
     if files.textures:
         assert mesh_beside(files.textures[0]) == files.mesh
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"pack": "orm"}, {"bent_normals": True}, {"size": "auto"}, {"self_occlusion": "part"}, {"ground": True}],
+    ids=str,
+)
+def test_what_a_bake_can_do_it_does_for_several_textures(tmp_path, how):
+    mesh, options = ao.load(gltf_room(tmp_path)), BakeOptions(**{**FEW, **how})
+    one, several = (ao.bake(mesh, replace(options, textures=by), verify=True) for by in ("one", "material"))
+    errors = [result.report.verify.levels[0].rmse for result in (one, several)]
+    assert errors[1] < max(1.5 * errors[0], 0.02)
+    made = several.save(tmp_path / "out.glb").mesh
+    assert ao.verify(made).error == pytest.approx(errors[1], abs=3e-3)
+    assert (several.bent_normals is not None) == ("bent_normals" in how)
+
+
+def test_pictures_of_occlusion_are_read_back_as_ao(room, tmp_path):
+    result = ao.bake(room, BakeOptions(**FEW, textures="material", invert=True), verify=True)
+    (tmp_path / "out").mkdir()
+    made = result.save(tmp_path / "out/room_ao.png")
+    assert [path.name for path in made.textures] == ["room_ao.wood.png", "room_ao.stone.png"]
+    assert ao.verify(made.mesh).error == pytest.approx(result.report.verify.levels[0].rmse, abs=3e-3)
+
+
+@pytest.mark.parametrize("given", ["out", "out/room_ao.obj", "out/room_ao.wood.png", "out/room_report.json"])
+def test_a_page_has_one_asset_for_them(room, tmp_path, given):
+    (tmp_path / "out").mkdir()
+    result = ao.bake(room, BakeOptions(**FEW, textures="material"))
+    result.save(tmp_path / "out/room_ao.png", report=tmp_path / "out/room_report.json")
+    found = collect_assets(tmp_path / given)
+    assert [(asset.name, asset.mesh.name) for asset in found] == [("room", "room_ao.obj")]
 
 
 # UDIM.

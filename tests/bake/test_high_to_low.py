@@ -120,6 +120,12 @@ def test_misses_are_counted_named_and_filled_from_around():
     assert rms(result.ao, complete.ao) < 0.03
 
 
+def test_details_that_no_texel_meets_are_an_error_about_the_cage():
+    far = ao.Mesh(plane()[0] + (0, 0, 3), plane()[1])
+    with pytest.raises(InputError, match=r"none of \d+ texels meets the detailed surface; use a greater cage"):
+        ao.bake(flat(), BakeOptions(cage=0.05, **QUICK), high=[far])
+
+
 def files(folder):
     """A low and a high mesh, and a cage, as files."""
     for name, shape in (("rock.obj", plane()), ("rock_high.ply", bumpy(0.05)), ("cage.obj", plane(0.06))):

@@ -139,6 +139,11 @@ def bake_scene(
         misses = messages_on_misses(setup, missed)
         backend.check_errors()
     if not any(side.measured.any() for side in sides):
+        if detail is not None:
+            raise InputError(
+                f"{scene.path}: none of {counted(len(texels), 'texel')} meets the detailed surface; use a greater "
+                "--cage, or --match nothing where names keep parts apart"
+            )
         raise UsageError(
             f"{counted(len(texels), 'texel')} covered, but facing none of {2 * len(setup.axes)} directions; "
             "use more --directions"

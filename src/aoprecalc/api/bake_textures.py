@@ -13,7 +13,7 @@ import numpy as np
 from aoprecalc.api.bake_scene import OpenedBake, bake_scene, prepare_scene
 from aoprecalc.api.bent_normals import scene_tangents
 from aoprecalc.api.vertex_ao import fit_to_texture
-from aoprecalc.errors import ArgumentError, counted
+from aoprecalc.errors import ArgumentError, InputError, counted
 from aoprecalc.io.formats.base import source_polygons
 from aoprecalc.io.formats.textures import output_uvs
 from aoprecalc.io.meshes import grouped
@@ -141,7 +141,10 @@ def bake_textures(
             progress.note(f"texture {group.name}: {counted(int(np.count_nonzero(group.faces)), 'triangle')}")
             how = own if group.tile is None else replace(own, unwrap="keep")
             named = _NamedLines(progress, group.name)
-            baked = bake_scene(group.scene(prepared), how, named, timer, make_visibility, opened)
+            try:
+                baked = bake_scene(group.scene(prepared), how, named, timer, make_visibility, opened)
+            except InputError as error:
+                raise InputError(f"texture {group.name}: {error}") from error
             value = replace(baked.options, max_distance=options.max_distance)
             textures.append(TextureBake(group.name, replace(baked, options=value)))
     whole = _joined(prepared, textures)

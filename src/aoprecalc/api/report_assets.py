@@ -179,9 +179,11 @@ class _Collection:
             self._add("mesh", path, given=True)
         elif suffix in IMAGE_EXTENSIONS:
             beside = mesh_beside(path)
+            one_of_several = beside is not None and _key(beside) != _key(path)  # to which the mesh refers
             if beside is not None:
-                self._add("mesh", beside)
-            self._add("texture", path, given=True)
+                self._add("mesh", beside, given=one_of_several)
+            if not one_of_several:
+                self._add("texture", path, given=True)
         elif suffix in SPHERE_EXTENSIONS:
             self._add("spheres", path, given=True)
         else:
@@ -253,7 +255,7 @@ class _Collection:
         entry.bake, entry.certain, entry.given = report, True, entry.given or given
         if mesh is not None:
             self._add("mesh", mesh)
-        if texture is not None:
+        if texture is not None and len(outputs.textures) <= 1:  # the mesh refers to several
             self._add("texture", texture)
 
     def _add_verify(self, report: VerifyReport, path: Path, *, given: bool) -> None:
