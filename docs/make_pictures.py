@@ -439,6 +439,31 @@ def three(folder: Path) -> Picture:
     return np.concatenate(shots, axis=1)
 
 
+def spherical_harmonics(folder: Path) -> Picture:
+    """The statue in examples/three/spherical-harmonics.html: without occlusion, by harmonics, and by rays."""
+    constant, slope = 0.5, np.array([0.3, 0.2, 0.25])  # the light from w is constant + slope.w
+    result = baked(folder / "statue.obj", bent_normals=True)
+    result.save(folder / "statue_ao.glb", sh=folder / "statue_sh.png")
+    rows, columns = np.mgrid[:64, :128] + 0.5
+    polar, azimuth = np.pi * rows / 64, 2 * np.pi * (columns / 128 - 0.5)
+    towards = np.stack([np.sin(polar) * np.cos(azimuth), np.cos(polar), np.sin(polar) * np.sin(azimuth)], axis=-1)
+    write_image(folder / "sky.exr", (constant + towards @ slope)[..., None].astype(np.float32), "float")
+    rays = {"sky": folder / "sky.exr", "backend": "ray"}
+    under_sky = baked(folder / "statue.obj", **rays).ao  # the share of the light that is left
+    unoccluded = baked(folder / "statue.obj", bent_normals=True, max_distance=1e-6).sh
+    write_image(folder / "reference.png", under_sky * (unoccluded @ [constant, *slope]).astype(np.float32), "16")
+    shutil.copy(EXAMPLES / "three/spherical-harmonics.html", folder)
+    (folder / "node_modules").symlink_to(HERE.parent / "viewer/node_modules")
+    names = {"open": "without occlusion", "": "spherical harmonics in three.js", "reference": "ray tracing"}
+    with Server(folder) as server:
+        page = f"http://localhost:{server.server_port}/spherical-harmonics.html"
+        shots = {mark: photographed(f"{page}#{mark}", (300, 400)) for mark in names}
+        server.shutdown()
+    by_harmonics, by_rays = (shots[mark].astype(float) / 255 for mark in ("", "reference"))
+    print(f"three.js and rays differ by {np.sqrt(((by_harmonics - by_rays) ** 2).mean()):.4f}, RMS, in sRGB")
+    return contact_sheet([(shots[mark], name) for mark, name in names.items()], 3)
+
+
 def report(folder: Path) -> Picture:
     """The report of the statue."""
     with contextlib.chdir(folder):  # the page shows no absolute paths
@@ -478,8 +503,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
             dark, leaks, occlusion, several_textures, high_to_low, ground_height, backfaces, self_occlusion,
-            surroundings, poses, vertex_values, sides, borders, figures, sphere_figures, three, report,
-            report_batch)  # fmt: skip
+            surroundings, poses, vertex_values, sides, borders, figures, sphere_figures, three, spherical_harmonics,
+            report, report_batch)  # fmt: skip
 
 
 def main() -> None:
