@@ -11,7 +11,6 @@ from difflib import SequenceMatcher
 from typing import SupportsIndex
 
 MAX_NAME = 255  # bytes of the name of a file or folder, on the file systems of today
-_MAX_NAMES = 5  # in a message
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 
 
@@ -28,9 +27,9 @@ def counted(count: SupportsIndex, noun: str, plural: str = "") -> str:
     return f"{count} {one_or_many(count, noun, plural or f'{noun}s')}"
 
 
-def listed(names: Sequence[str]) -> str:
-    """Return names as a text, the first five of many: a, b, c, d, e and 2 more."""
-    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """Return names as a text, the first ones of many: a, b, c, d, e and 2 more."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def listed_counts(counts: Sequence[int]) -> str:

@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from aoprecalc.errors import counted, one_or_many
+from aoprecalc.errors import counted, listed, one_or_many
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, default_crease_angle, geometric_normals, share_at_bends
 from aoprecalc.mesh.topology import topology
@@ -21,7 +21,6 @@ _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dar
 _MIN_INWARDS = 0.02  # of the texels: a warning where as many are dark and face inwards
 _MIN_CAUSE = 0.0005  # of the texels: rarer causes are not told; 0.1% when rounded
 _MANY = 0.5  # of the texels: a warning where as many are enclosed, or face the ground
-_MAX_NAMES = 5  # of parts in one message
 _BEND, _MIN_BENT = 40.0, 0.1  # degrees; share of the surface along edges that bend more: they may be meant to be hard
 _FEW_TEXELS = 64  # 8 x 8
 _ONE_VALUE = 0.1  # by which the AO of a part may differ and still count as one value
@@ -108,7 +107,7 @@ def _notes_on_normals(scene: Scene, options: BakeOptions) -> list[Note]:
 
 
 def _list(parts: list[str]) -> str:
-    names = _shorten(named for named, _ in _by_name((part, None) for part in parts))
+    names = listed([named for named, _ in _by_name((part, None) for part in parts)])
     return f"{counted(len(parts), 'part')} ({names}) {one_or_many(len(parts), 'is', 'are')}"
 
 
@@ -121,15 +120,9 @@ def _by_name(parts: Iterable[tuple[str, _Value]]) -> Iterator[tuple[str, list[_V
         yield (repr(name) if len(found) == 1 else f"{name!r}, {len(found)} times"), found
 
 
-def _shorten(names: Iterable[str]) -> str:
-    names = list(names)
-    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    return ", ".join(names[:_MAX_NAMES]) + more
-
-
 def _percentages(parts: Iterable[tuple[str, float]]) -> str:
     """Return names of parts with their shares, in brackets; of parts of one name the mean. Empty for no parts."""
-    found = _shorten(f"{named}: {np.mean(shares):.0%}" for named, shares in _by_name(parts))
+    found = listed([f"{named}: {np.mean(shares):.0%}" for named, shares in _by_name(parts)])
     return f" ({found})" if found else ""
 
 
@@ -168,7 +161,7 @@ def _warnings_on_few_texels(baked: Baked, texels: Float64Array, surroundings: Pa
     surroundings   the part that takes most of it as it is far larger than the rest
     """
     few = list(_parts_with_few_texels(baked, texels))
-    names = _shorten(f"{named}: {max(found):.0f}" for named, found in _by_name(few))
+    names = listed([f"{named}: {max(found):.0f}" for named, found in _by_name(few)])
     too_few = f"fewer than {_FEW_TEXELS} texels ({names}), too few to show {one_or_many(len(few), 'its', 'their')} AO"
     if surroundings is not None:
         taken = texels[surroundings.faces].sum() / texels.sum()

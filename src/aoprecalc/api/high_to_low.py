@@ -9,7 +9,7 @@ import numpy as np
 from aoprecalc.api.documents import Report
 from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh
 from aoprecalc.api.surroundings import differences
-from aoprecalc.errors import ArgumentError, counted, one_or_many
+from aoprecalc.errors import ArgumentError, counted, listed, one_or_many
 from aoprecalc.io import load_scene
 from aoprecalc.mesh.detail import (
     Cage,
@@ -18,9 +18,9 @@ from aoprecalc.mesh.detail import (
     cage_at,
     detail_of,
     detailed_surface,
-    diagonal,
     match_parts,
 )
+from aoprecalc.mesh.surface import absolute_length
 from aoprecalc.metrics.difference import rounded
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import ValueOptions, VerifyOptions
@@ -35,7 +35,6 @@ from aoprecalc.visibility.setup import BakeSetup
 
 _MANY_MISSES = 0.01  # of the texels: a warning where more are not on the detailed surface
 _MIN_SHARE = 0.01  # of its texels: a part of which fewer are not there is not named
-_MAX_NAMES = 5
 _EVERYTHING = "every part meets all of the detailed surface"
 
 
@@ -119,7 +118,7 @@ def _chosen_cage(low: Scene, detail: Detail, options: ValueOptions, threads: int
     if options.cage == "auto":
         return auto_cage(low, detail, threads)
     if isinstance(options.cage, str):
-        return cage_at(low, float(options.cage.rstrip("%")) / 100 * diagonal(low))
+        return cage_at(low, absolute_length(options.cage, low))
     return cage_at(low, options.cage)
 
 
@@ -140,8 +139,7 @@ def _on_matches(low: Scene, high: Scene, matches: Matches) -> list[str]:
 
 
 def _named(parts: Sequence[str]) -> str:
-    more = f" and {len(parts) - _MAX_NAMES} more" if len(parts) > _MAX_NAMES else ""
-    return f"{counted(len(parts), 'part')} ({', '.join(map(repr, parts[:_MAX_NAMES]))}{more})"
+    return f"{counted(len(parts), 'part')} ({listed(list(map(repr, parts)))})"
 
 
 def missed_texels(texels: Texels, sides: Sequence[TexelOcclusion]) -> Texels:
@@ -166,9 +164,8 @@ def messages_on_misses(setup: BakeSetup, missed: Texels) -> list[str]:
     areas = doubled_uv_areas(atlas.uvs) / 2 * atlas.mapped * missed.width * missed.height
     shares = [counts[part.faces].sum() / max(float(areas[part.faces].sum()), 1.0) for part in scene.parts]
     order = [int(number) for number in np.argsort(-np.array(shares), kind="stable") if shares[number] > _MIN_SHARE]
-    named = ", ".join(f"{scene.parts[number].name!r}: {min(shares[number], 1.0):.0%}" for number in order[:_MAX_NAMES])
-    more = f" and {len(order) - _MAX_NAMES} more" if len(order) > _MAX_NAMES else ""
-    parts = f" ({named}{more})" if len(scene.parts) > 1 and named else ""
+    named = listed([f"{scene.parts[number].name!r}: {min(shares[number], 1.0):.0%}" for number in order])
+    parts = f" ({named})" if len(scene.parts) > 1 and named else ""
     advice = "use a greater --cage, or --match nothing where names keep them apart"
     return [f"{found}{parts}; {advice}"]
 

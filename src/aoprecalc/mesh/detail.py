@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aoprecalc.mesh.roles import assign_roles, finest_level
-from aoprecalc.mesh.surface import normalize, positions_of, shading_normals, smooth_normals
+from aoprecalc.mesh.surface import normalize, shading_normals, smooth_normals
 from aoprecalc.options import ValueOptions
 from aoprecalc.types import Float32Array, Float64Array, Part, Scene
 
@@ -112,11 +112,6 @@ def cage_of(low: Scene, cage: Scene) -> Cage:
     distances = np.linalg.norm(offsets, axis=2)
     directions = np.where(distances[:, :, None] > 0, normalize(offsets), smoothed_normals(low))
     return Cage(directions, distances)
-
-
-def diagonal(low: Scene) -> float:
-    """Return the diagonal of the bounding box of what receives, in the units of the mesh."""
-    return float(np.linalg.norm(np.ptp(positions_of(low, low.receives), axis=0)))
 
 
 # Names.

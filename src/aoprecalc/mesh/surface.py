@@ -172,6 +172,18 @@ def positions_of(scene: Scene, chosen: BoolArray) -> Float64Array:
     return scene.positions if chosen.all() else scene.positions[np.unique(scene.faces[chosen])]
 
 
+def receiving_diagonal(scene: Scene) -> float:
+    """Return the diagonal of the bounding box of what receives light, in the units of the mesh."""
+    return float(np.linalg.norm(np.ptp(positions_of(scene, scene.receives), axis=0)))
+
+
+def absolute_length(length: float | str, scene: Scene) -> float:
+    """Return a length in the units of the mesh, which may be given as a share of `receiving_diagonal` such as 10%."""
+    if isinstance(length, str):
+        return float(length.rstrip("%")) / 100 * receiving_diagonal(scene)
+    return length
+
+
 def to_unit_sphere(positions: Float64Array) -> Float64Array:
     """Move and scale (v, 3) positions into the unit sphere about the centre of their bounding box."""
     center, radius = bounding_sphere(positions)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.mesh.detail import Cage, Detail, cage_of, diagonal
-from aoprecalc.mesh.surface import SurfacePoints, area_vectors, normalize, sample_surface
+from aoprecalc.mesh.detail import Cage, Detail, cage_of
+from aoprecalc.mesh.surface import SurfacePoints, area_vectors, normalize, receiving_diagonal, sample_surface
 from aoprecalc.types import Float64Array, Int32Array, Scene
 from aoprecalc.visibility.projection import Projection
 
@@ -43,7 +43,7 @@ def read_cage(low: Scene, cage: Scene) -> Cage:
             "make it of a copy of that mesh by moving its vertices, or use --cage auto"
         )
     found_cage = cage_of(low, cage)
-    if np.median(found_cage.distances[low.receives]) > _FAR * diagonal(low):
+    if np.median(found_cage.distances[low.receives]) > _FAR * receiving_diagonal(low):
         raise InputError(
             f"{cage.path}: its faces are far from those of {low.path}, which they should enclose; export both with "
             "their faces in the same order, or use --cage auto"
@@ -56,7 +56,7 @@ def auto_cage(low: Scene, detail: Detail, threads: int = 0) -> Cage:
 
     detail   whose cage does not count
     """
-    largest = diagonal(low)
+    largest = receiving_diagonal(low)
     probes = _probe(low, detail, largest, threads)
     vertices = low.faces[probes.faces]
     need, limit = np.full(len(low.positions), -1.0), np.full(len(low.positions), np.inf)
@@ -89,7 +89,7 @@ class _Probes:
 def _probe(low: Scene, detail: Detail, largest: float, threads: int) -> _Probes:
     points = _points(low)
     projection = Projection(low, detail, threads)
-    surface = _LowSurface(low, projection.low_corners, points)
+    surface = _LowSurface(low, projection.low_corners, points, threads)
     positions, directions = projection.lines(points.faces, points.weights)
     reach = np.full(len(positions), _REACH * largest / projection.unit)
     needs, limits = np.full(len(positions), -1.0), np.full(len(positions), np.inf)
@@ -131,14 +131,15 @@ def _points(low: Scene) -> SurfacePoints:
 class _LowSurface:
     """Tells how far points are from the low surface, of which some points are known."""
 
-    def __init__(self, low: Scene, corners: Float64Array, points: SurfacePoints) -> None:
+    def __init__(self, low: Scene, corners: Float64Array, points: SurfacePoints, threads: int) -> None:
+        self._threads = threads or -1  # of SciPy: all
         self._corners, self._faces = corners, points.faces
         self._normals = normalize(area_vectors(corners))
         self._tree = cKDTree(points.interpolate(corners))
 
     def distance(self, places: Float64Array, normals: NDArray[np.floating]) -> Float64Array:
         """Return the distance of k places from the faces near them that face as their normals do; infinite for none."""
-        nearest = self._tree.query(places, _NEIGHBOURS, workers=-1)[1].T
+        nearest = self._tree.query(places, _NEIGHBOURS, workers=self._threads)[1].T
         distances = np.full(len(places), np.inf)
         for points in nearest:
             faces = self._faces[points]

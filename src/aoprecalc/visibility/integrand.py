@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.surface import positions_of
+from aoprecalc.mesh.surface import absolute_length
 from aoprecalc.options import Estimator, Falloff, Sampling, ValueOptions, Weight
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.sky import Sky, sky_of
@@ -47,12 +47,8 @@ class Integrand:
     @classmethod
     def from_options(cls, options: ValueOptions, scene: Scene) -> Self:
         """Return the integrand of a bake; shares of the diagonal are of the bounding box of what receives light."""
-        distance = options.max_distance
-        if isinstance(distance, str):
-            diagonal = float(np.linalg.norm(np.ptp(positions_of(scene, scene.receives), axis=0)))
-            distance = float(distance.rstrip("%")) / 100 * diagonal
         min_cosine = 0.0 if options.cone == 180 else cos(radians(options.cone / 2))
-        limit = inf if distance is None else distance
+        limit = inf if options.max_distance is None else absolute_length(options.max_distance, scene)
         sky = sky_of(scene, options)
         return cls(options.estimator, options.weight, min_cosine, limit, options.falloff, sky)
 

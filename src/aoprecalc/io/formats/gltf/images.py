@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from aoprecalc.errors import InputError, counted, one_or_many
+from aoprecalc.errors import InputError, counted, listed, one_or_many
 from aoprecalc.io.formats.base import Placement, SourceMaterial
 from aoprecalc.io.formats.files import ImageSource, read_file
 from aoprecalc.io.formats.gltf.document import BINARY_EXTENSIONS, Json, data_uri, is_misnamed, local_file
@@ -110,8 +110,7 @@ def add_base_textures(
     """
     warnings, converted = list[str](), dict[str, None]()
     if lost := list(dict.fromkeys(what for material in materials.values() for what in material.left_out)):
-        more = f" and {len(lost) - _MAX_NAMES} more" if len(lost) > _MAX_NAMES else ""
-        found = f"what else the materials of {source.name} have is left out: {', '.join(lost[:_MAX_NAMES])}{more}"
+        found = f"what else the materials of {source.name} have is left out: {listed(lost, _MAX_NAMES)}"
         warnings.append(f"{path}: {found}")
     images: dict[tuple[ImageSource | None, ImageSource | None, str], int] = {}
     stay = path.parent.resolve() == source.parent.resolve()
@@ -250,13 +249,12 @@ def carry_images(outputs: Outputs, path: Path, document: Json, buffer: GltfBuffe
 
 def _missing(source: Path, names: list[str]) -> str:
     """Return the warning about image files that the source document refers to and that are not there."""
-    shown = ", ".join(f"{name!a}" for name in names[:_MAX_NAMES])
-    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    shown = listed([f"{name!a}" for name in names], _MAX_NAMES)
     it, was = one_or_many(len(names), "it", "they"), one_or_many(len(names), "was", "were")
     still = (
         f"{it} {was} missing before the bake, and the result still refers to {one_or_many(len(names), 'it', 'them')}"
     )
-    return f"{source} refers to {counted(len(names), 'image')} that cannot be read: {shown}{more}; {still}"
+    return f"{source} refers to {counted(len(names), 'image')} that cannot be read: {shown}; {still}"
 
 
 def _embed(image: Json, buffer: GltfBuffer, data: bytes) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.errors import counted
+from aoprecalc.errors import counted, listed
 from aoprecalc.io.formats.base import MeshWithAo, TextureReference, WrittenMesh, source_polygons
 from aoprecalc.io.formats.files import TextureCopies, file_beside, same_file
 from aoprecalc.io.formats.obj.materials import MtlMaterial, TextureMap
@@ -86,7 +86,7 @@ def library_lines(
 def _names(maps: Iterable[TextureMap]) -> str:
     """Return the names of textures for a message."""
     names = list(dict.fromkeys(f"{line.name!a}" for line in maps))
-    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
+    return listed(names, _MAX_NAMES)
 
 
 def _statements(lines: Sequence[str | TextureMap], target: Path, copies: TextureCopies | None) -> list[str]:
