@@ -225,7 +225,13 @@ def test_results_are_read_back_with_all_their_textures(room, tmp_path, suffix):
 
 @pytest.mark.parametrize(
     "how",
-    [{"pack": "orm"}, {"bent_normals": True}, {"size": "auto"}, {"self_occlusion": "part"}, {"ground": True}],
+    [
+        {"pack": "orm"},
+        {"bent_normals": True},
+        {"size": "auto", "texel_density": 8},
+        {"self_occlusion": "part"},
+        {"ground": True},
+    ],
     ids=str,
 )
 def test_what_a_bake_can_do_it_does_for_several_textures(tmp_path, how):
@@ -238,6 +244,7 @@ def test_what_a_bake_can_do_it_does_for_several_textures(tmp_path, how):
     assert (several.bent_normals is not None) == ("bent_normals" in how)
 
 
+@pytest.mark.slow
 def test_pictures_of_occlusion_are_read_back_as_ao(room, tmp_path):
     result = ao.bake(room, BakeOptions(**FEW, textures="material", invert=True), verify=True)
     (tmp_path / "out").mkdir()
