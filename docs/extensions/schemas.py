@@ -92,6 +92,8 @@ TABLES = {"bake": ("BakeTable", BakeOptions), "spheres": ("SphereTable", SphereO
 OTHER_KEYS = {
     "output": "What is written, by its extension; of a list, each.",
     "verify": "Measure the texture against ray tracing, for the report.",
+    "bent-normals": "Write a picture of bent normals of this kind as well.",
+    "sh": "Write a picture of spherical harmonics, the AO and the visibility vector, of this kind as well.",
 }
 
 
@@ -99,7 +101,7 @@ def keys(table_name: str) -> str:
     """Return the table of the keys of `[bake]` or `[spheres]`, in Markdown; what they mean is said with the options."""
     name, kind = TABLES[table_name]
     definition, rows = read("manifest")["$defs"][name], []
-    options = {field.name: field for field in option_fields(kind)}
+    options = {field.name: field for field in option_fields(kind) if field.on_command_line}
     for key, value in definition["properties"].items():
         field = options.get(key.replace("-", "_"))
         link = f"{{option}}`{key} <aoprecalc {table_name} --{key}>`"
