@@ -110,7 +110,7 @@ def test_messages_show_the_paths_in_a_zip(packed, tmp_path):
 
 
 def test_an_obj_of_a_zip_is_refused_before_the_bake(packed, tmp_path, monkeypatch):
-    monkeypatch.setattr(api_bake, "bake_scene", None)  # calling it would fail
+    monkeypatch.setattr(api_bake, "bake_textures", None)  # calling it would fail
     with pytest.raises(UsageError, match=r"cannot refer to pictures in .*a\.zip; write a \.glb"):
         api_bake.bake_file(packed, tmp_path / "x.obj")
     assert not (tmp_path / "x.obj").exists()

@@ -13,10 +13,10 @@ def test_the_first_side_is_given_back_before_the_second(monkeypatch):
     made, alive = [], []
     plain = GLBackend.tester
 
-    def tester(self, *given):
+    def tester(self, *given, **named):
         gc.collect()
         alive.append([before() is not None for before in made])
-        seen = plain(self, *given)
+        seen = plain(self, *given, **named)
         assert not self._renderer.context.objects  # nothing waits to be released
         made.append(weakref.ref(seen))
         return seen
