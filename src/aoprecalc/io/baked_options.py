@@ -2,7 +2,9 @@
 
 The text of an image (see `images.py`) has it as JSON, in ASCII:
 
-    {"schema": 1, "only": [], ..., "two_sided": true, "ground": true, "up": "y", ..., "triangles": 1234}
+    {"schema": 1, "only": ["roof"], ..., "two_sided": true, "ground": true, "up": "y", ..., "triangles": 1234}
+
+Options that are None or name nothing are left out.
 
 An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`.
 
@@ -35,7 +37,8 @@ def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
     """Return the JSON object of some options; None for no options, and where its text would be longer than MAX_TEXT."""
     if options is None:
         return None
-    document = {"schema": OPTIONS_SCHEMA, **asdict(with_files(options, os.path.basename))}
+    values = asdict(with_files(options, os.path.basename))
+    document = {"schema": OPTIONS_SCHEMA} | {name: value for name, value in values.items() if value not in (None, ())}
     return document if len(_json(document)) <= MAX_TEXT - 60 else None  # with room for the other members
 
 
