@@ -196,6 +196,7 @@ def test_another_process_gets_the_same_points_from_the_pickled_inputs():
 def test_a_batch_of_two_processes_writes_the_bytes_of_a_single_bake(tmp_path, command, monkeypatch):
     files(tmp_path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AOPRECALC_CACHE", str(tmp_path / "cache"))
     (tmp_path / "parts.toml").write_text(
         'inputs = ["rock.obj"]\noutput = "out"\n[bake]\nsize = 64\nhigh = "rock_high.ply"\ncage = "cage.obj"\n'
     )
