@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.errors import InputError
-from aoprecalc.mesh.topology import adjacent_half_edges, joined_faces
+from aoprecalc.mesh.topology import adjacent_half_edges, corner_groups
 from aoprecalc.options import Normals
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
 
@@ -148,16 +148,7 @@ def _smooth_groups(faces: Int32Array, normals: Float64Array, angle: float) -> In
     """Label corners, (f, 3): equal where faces around a position are joined by edges that bend at most `angle`."""
     first, second, cosine = _bends(faces, normals)  # a face without area joins its neighbours
     gentle = cosine >= np.cos(np.radians(angle)) - 1e-9
-    first, second = first[gentle], second[gentle]
-    joined_from, joined_to = [], []
-    for end in (0, 1):
-        corner = first // 3 * 3 + (first % 3 + end) % 3
-        for other_end in (0, 1):
-            other = second // 3 * 3 + (second % 3 + other_end) % 3
-            same = faces.ravel()[corner] == faces.ravel()[other]
-            joined_from.append(corner[same])
-            joined_to.append(other[same])
-    return joined_faces(faces.size, np.concatenate(joined_from), np.concatenate(joined_to)).reshape(faces.shape)
+    return corner_groups(faces, first[gentle], second[gentle])
 
 
 def _unit(vectors: Float64Array, empty: tuple[float, float, float] = _Z_AXIS) -> Float64Array:

@@ -9,7 +9,7 @@ into the plane of the normal, by their angles. Faces without area in the UVs tak
 import numpy as np
 
 from aoprecalc.mesh.surface import normalize
-from aoprecalc.mesh.topology import adjacent_half_edges, joined_faces, unique_rows
+from aoprecalc.mesh.topology import adjacent_half_edges, corner_groups, unique_rows
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 
 
@@ -42,16 +42,7 @@ def _groups(vertices: Int32Array, sign: Float64Array, used: BoolArray) -> Int32A
     """Label corners, (f, 3): equal where faces around a vertex are joined by edges, with UVs of the same sign."""
     first, second = adjacent_half_edges(vertices)
     joined = used[first // 3] & used[second // 3] & (sign[first // 3] == sign[second // 3])
-    first, second = first[joined], second[joined]
-    one, other = [], []
-    for end in (0, 1):
-        corner = first // 3 * 3 + (first % 3 + end) % 3
-        for other_end in (0, 1):
-            opposite = second // 3 * 3 + (second % 3 + other_end) % 3
-            same = vertices.ravel()[corner] == vertices.ravel()[opposite]
-            one.append(corner[same])
-            other.append(opposite[same])
-    return joined_faces(vertices.size, np.concatenate(one), np.concatenate(other)).reshape(vertices.shape)
+    return corner_groups(vertices, first[joined], second[joined])
 
 
 def _in_plane(vectors: Float64Array, normals: Float32Array) -> Float64Array:

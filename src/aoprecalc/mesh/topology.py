@@ -127,6 +127,23 @@ def joined_faces(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> 
     return labels
 
 
+def corner_groups(faces: Int32Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Int32Array:
+    """Label corners, (f, 3) int32: equal where the faces around a vertex are joined across edges.
+
+    faces           (f, 3) vertex indices
+    first, second   (p,) each: pairs of sides of faces that are such edges, see `adjacent_half_edges`
+    """
+    one, other = list[NDArray[np.intp]](), list[NDArray[np.intp]]()
+    for end in (0, 1):
+        corner = first // 3 * 3 + (first % 3 + end) % 3
+        for other_end in (0, 1):
+            opposite = second // 3 * 3 + (second % 3 + other_end) % 3
+            same = faces.ravel()[corner] == faces.ravel()[opposite]
+            one.append(corner[same])
+            other.append(opposite[same])
+    return joined_faces(faces.size, np.concatenate(one), np.concatenate(other)).reshape(faces.shape)
+
+
 _LINKS = (2.0, 1.0, 0.5, 0.25)  # distances at which corners are joined, over the tolerance: the widest that can be
 _NEIGHBOURS = 16  # of a corner, that may be joined with it; others are reached through these
 

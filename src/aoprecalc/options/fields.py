@@ -376,7 +376,8 @@ def with_files(options: OptionsT, moved: Callable[[str], str]) -> OptionsT:
     several = {field.name for field in option_fields(type(options)) if field.kind == "files"}
     paths = {name: tuple(map(moved, found)) for name, found in named_files(options).items()}
     changed: Any = {name: found if name in several else found[0] for name, found in paths.items()}
-    return replace(cast(Any, options), **changed)  # type: ignore[no-any-return]
+    moved_options: OptionsT = replace(cast(Any, options), **changed)
+    return moved_options
 
 
 def named_files(options: Any) -> dict[str, tuple[str, ...]]:
