@@ -18,8 +18,9 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import atlas_from_uvs
 from aoprecalc.render.simplification import simplified
 from aoprecalc.texture_lookup import bilinear
+from aoprecalc.visibility import setup
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.setup import FIT_CHUNK, BakeInputs, BakeSetup
 from bake.test_projection import bumpy, plane
 from shapes import MESHES, box, join, quad, quad_uvs
 
@@ -172,11 +173,13 @@ def test_a_cage_without_details_and_details_that_are_no_mesh_are_refused(tmp_pat
         ao.bake(ao.Mesh(*box()), BakeOptions(cage=tmp_path / "cage.obj", **QUICK), high=[fine()])
 
 
-def test_chunks_and_threads_do_not_change_a_byte():
+def test_chunks_and_threads_do_not_change_a_byte(monkeypatch):
     options = BakeOptions(backend="ray", unwrap="keep", size=1100, directions=4)
-    whole = ao.bake(flat(), options, high=[fine()])
-    for other in (replace(options, threads=1), replace(options, memory_limit=700 << 20)):
-        assert np.array_equal(ao.bake(flat(), other, high=[fine()]).ao, whole.ao)
+    whole = ao.bake(flat(), options, high=[fine()]).ao
+    assert np.array_equal(ao.bake(flat(), replace(options, threads=1), high=[fine()]).ao, whole)
+    monkeypatch.setattr(setup, "_MAX_FIT_CHUNKS", 1)
+    assert whole.size > FIT_CHUNK
+    assert np.array_equal(ao.bake(flat(), options, high=[fine()]).ao, whole)
 
 
 def test_another_process_gets_the_same_points_from_the_pickled_inputs():
