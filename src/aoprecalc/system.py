@@ -13,7 +13,7 @@ from typing import IO, Any
 
 LIBRARIES = (
     "numpy", "scipy", "moderngl", "glcontext", "embreex", "trimesh", "xatlas", "uvunwrap", "OpenImageIO", "click",
-    "jinja2", "mapbox_earcut", "msgspec", "opengl_decimate", "pillow", "pyyaml", "rich",
+    "jinja2", "mapbox_earcut", "msgspec", "numba", "opengl_decimate", "pillow", "pyyaml", "rich",
 )  # fmt: skip
 # The extras of the package and the libraries that each installs.
 EXTRAS = {

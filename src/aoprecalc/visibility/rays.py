@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.errors import RendererError
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
@@ -215,8 +216,17 @@ class RayOcclusion:
         return taken
 
 
+def ray_origins(
+    surface: NormalizedSurface, samples: Samples
+) -> tuple[NDArray[np.intp], Float32Array, Float64Array, Float64Array]:
+    """Return which samples have a face, (k,), and of these where rays start, and n and g, (k, 3) each."""
+    with_face = np.flatnonzero(samples.faces >= 0)
+    points, normals, geometric = surface.interpolate(samples.faces[with_face], samples.weights[with_face])
+    return with_face, (points + RAY_OFFSET * geometric).astype(np.float32), normals, geometric
+
+
 class RayTester:
-    """A VisibilityTester that casts a ray from every sample along every direction in front of it."""
+    """A VisibilityTester that casts a ray from every sample along every direction in front of it, one at a time."""
 
     def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
         """Build the occluders. Raises RendererError where embreex is not installed."""
@@ -225,9 +235,7 @@ class RayTester:
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""
-        with_face = np.flatnonzero(samples.faces >= 0)
-        points, normals, geometric = self._surface.interpolate(samples.faces[with_face], samples.weights[with_face])
-        origins = (points + RAY_OFFSET * geometric).astype(np.float32)
+        with_face, origins, normals, geometric = ray_origins(self._surface, samples)
         found = np.zeros((len(with_face), self._integrand.columns))
         radiance = np.stack([self._integrand.radiance(sign * axes) for sign in _SIGNS], axis=1).tolist()
         for axis, lights in zip(axes, radiance, strict=True):

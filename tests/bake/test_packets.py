@@ -1,0 +1,94 @@
+"""Packets of rays see what single rays see, whatever counts as light and however they are packed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aoprecalc.progress import Progress
+from aoprecalc.visibility import packets
+from aoprecalc.visibility.directions import light_axes
+from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.packets import PacketTester
+from aoprecalc.visibility.rays import RayTester
+from aoprecalc.visibility.sky import OvercastSky
+from bake.test_visibility import still
+
+AXES = light_axes(200)
+
+
+def sums(tester, samples, axes=AXES):
+    return tester.accumulate(samples, axes, Progress())
+
+
+def packed(surface, integrand, samples, *, of_samples, monkeypatch):
+    """The sums by packets of samples, or of directions."""
+    monkeypatch.setattr(packets, "_SAMPLES_PER_TRIANGLE", 0.0 if of_samples else np.inf)
+    return sums(PacketTester(surface, integrand), samples)
+
+
+UPWARDS = OvercastSky((0.0, 0.6, 0.8))
+INTEGRANDS = {
+    "cosine": Integrand(),
+    "uniform weight": Integrand(weight="uniform"),
+    "cone": Integrand(min_cosine=0.6),
+    "near occluders": Integrand(max_distance=0.4),
+    "sky and vectors": Integrand(sky=UPWARDS, vectors=True),
+}
+
+
+BOTH = pytest.mark.parametrize("of_samples", [True, False], ids=["of samples", "of directions"])
+
+
+@BOTH
+@pytest.mark.parametrize("name", INTEGRANDS)
+def test_the_sums_are_those_of_single_rays_seed_3(name, of_samples, monkeypatch):
+    surface, samples = still(3)
+    single = sums(RayTester(surface, INTEGRANDS[name]), samples)
+    assert 0.1 < single[:, 0].sum() / single[:, 1].sum() < 0.9
+    fast = packed(surface, INTEGRANDS[name], samples, of_samples=of_samples, monkeypatch=monkeypatch)
+    assert fast[:, 1] == pytest.approx(single[:, 1], rel=1e-5)
+    # A ray that grazes an edge may be seen to hit it or not.
+    assert np.quantile(np.abs(fast - single).max(axis=1), 0.99) < 1e-4
+
+
+@BOTH
+@pytest.mark.parametrize("max_distance", [np.inf, 0.4])
+def test_so_they_are_on_and_below_a_ground_seed_3(max_distance, of_samples, monkeypatch):
+    surface, samples = still(3)
+    surface = replace(surface, ground_normal=(0.0, 0.6, 0.8), ground_height=-0.2, buried=True)
+    integrand = Integrand(max_distance=max_distance)
+    single = sums(RayTester(surface, integrand), samples)
+    assert (single[:, 0] == 0).any()
+    fast = packed(surface, integrand, samples, of_samples=of_samples, monkeypatch=monkeypatch)
+    assert np.quantile(np.abs(fast - single).max(axis=1), 0.99) < 1e-4
+
+
+@BOTH
+def test_threads_and_tasks_do_not_change_a_bit_seed_3(of_samples, monkeypatch):
+    surface, samples = still(3)
+    whole = packed(surface, Integrand(), samples, of_samples=of_samples, monkeypatch=monkeypatch)
+    monkeypatch.setattr(packets, "_SAMPLES_PER_TASK", 48)
+    tester = PacketTester(surface, Integrand(), threads=3)
+    assert np.array_equal(sums(tester, samples), whole)
+
+
+def test_directions_done_are_counted_seed_3(monkeypatch):
+    surface, samples = still(3)
+    monkeypatch.setattr(packets, "_SAMPLES_PER_TASK", 16)
+    counted = []
+
+    class Counter(Progress):
+        def advance(self, count=1):
+            counted.append(count)
+
+    PacketTester(surface, Integrand(), threads=2).accumulate(samples, AXES, Counter())
+    assert sum(counted) == 2 * len(AXES)
+    assert len(counted) > 10
+
+
+def test_code_that_has_no_file_is_compiled_all_the_same():
+    """numba keeps compiled code beside the file of its source, or refuses to."""
+    made = {"compiled": packets._compiled}
+    exec("@compiled\ndef twice(number):\n    return 2 * number", made)
+    assert made["twice"](21) == 42
