@@ -14,7 +14,8 @@ from aoprecalc import system
 from shapes import torus
 
 PACKAGE = Path(aoprecalc.__file__).parent
-GUARDED = {"system.py", "subprocesses.py", "gl/context.py"}  # may name what one system has
+# May name what one system has, or load a library whose name differs.
+GUARDED = {"system.py", "subprocesses.py", "gl/context.py", "visibility/embree.py"}
 ONE_SYSTEM = {
     "os.fork", "os.forkpty", "os.getpgid", "os.killpg", "os.kill", "os.sched_getaffinity", "os.setsid", "os.symlink",
     "os.sysconf", "os.uname", "os.geteuid", "os.getuid", "os.mkfifo", "os.chown",

@@ -248,8 +248,8 @@ class BakeOptions(_TextureSize, ValueOptions):
         "larger with fewer than 1000 directions.")] = None
     backend: Annotated[Backend, _visibility(
         "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl, else ray.", common=True,
-        more="Rays are traced by Embree, need no OpenGL and take four to eight times as "
-        "long.")] = "auto"
+        more="Rays are traced by Embree, need no OpenGL and take up to one and a half "
+        "times as long.")] = "auto"
     unwrap: Annotated[Unwrap, _mesh(
         "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.", common=True,
         more="keep keeps them also where they overlap, and warns. Else auto takes xatlas, or uvunwrap above 30,000 "
