@@ -21,7 +21,7 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import Layout, Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections
-from aoprecalc.visibility.embree import packets_problem
+from aoprecalc.visibility.embree import casts_packets
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import RayTester, cast_depths, embreex_problem, require_embreex
 
@@ -182,8 +182,8 @@ class RayBackend:
         """Return a PacketTester, or a RayTester where packets do not do; or one for each group of the surface."""
         if surface.groups is not None:
             return GroupTester(self, surface, integrand, shadow_size)
-        if integrand.falloff == "none" and not surface.one_sided and packets_problem() is None:
-            from aoprecalc.visibility.packets import PacketTester  # numba takes half a second
+        if integrand.falloff == "none" and not surface.one_sided and casts_packets():
+            from aoprecalc.visibility.packets import PacketTester
 
             return PacketTester(surface, integrand, self._threads)
         return RayTester(surface, integrand, self._threads)

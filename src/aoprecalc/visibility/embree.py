@@ -5,8 +5,7 @@ The names and numbers are those of Embree 4 (rtcore.h).
 
 import ctypes
 from functools import cache
-from importlib import metadata
-from importlib.util import find_spec
+from importlib import import_module, metadata
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +60,14 @@ def library() -> ctypes.CDLL | None:
     return None
 
 
-def packets_problem() -> str | None:
-    """Return why packets of rays cannot be cast here, or None where they can."""
-    if library() is None:
-        return "embreex carries no library of Embree 4"
-    return None if find_spec("numba") is not None else "numba is not installed"
+@cache
+def casts_packets() -> bool:
+    """Tell whether packets of rays can be cast here: Embree and numba can be loaded."""
+    try:
+        import_module("numba")
+    except (ImportError, OSError):
+        return False
+    return library() is not None
 
 
 class OcclusionScene:
