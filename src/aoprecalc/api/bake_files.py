@@ -2,12 +2,12 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 
 from aoprecalc.api.bake_textures import BakedTextures, TextureBake
-from aoprecalc.api.bent_normals import bent_picture, harmonics_picture
+from aoprecalc.api.directional_files import WrittenPictures, write_pictures
 from aoprecalc.api.reports import AoReference, BakeOutputs
 from aoprecalc.api.textured_surface import verify_words
 from aoprecalc.errors import ArgumentError, UsageError, counted
@@ -24,8 +24,8 @@ from aoprecalc.io import (
 )
 from aoprecalc.io.baked_options import bake_text
 from aoprecalc.io.formats.base import MeshWithAo, VertexOcclusion
-from aoprecalc.io.formats.textures import MeshTexture
-from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, Depth, read_text
+from aoprecalc.io.formats.textures import Directions, MeshTexture
+from aoprecalc.io.images import BIT_DEPTHS, EXTENSIONS_WITHOUT_TEXT, read_text
 from aoprecalc.io.meshes import format_of
 from aoprecalc.io.outputs import claim_output, output_path, texture_stem
 from aoprecalc.options import BakeOptions, BitDepth, ValueOptions, VerifyOptions
@@ -165,7 +165,11 @@ class BakePlan:
             self._write_picture(written[-1], one.baked, self.options.bit_depth, inverted=self.options.invert)
             upright = self._write_upright(outputs, mesh, one, scratch) if self.options.invert else path
             shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces))
-        bent, harmonics = (self._write_directional(outputs, bake, file) for file in (self.bent, self.sh))
+        bent = self._write_directional(outputs, bake, mesh, "bent normals", scratch)
+        harmonics = self._write_directional(outputs, bake, mesh, "spherical harmonics", scratch)
+        directional = zip(*(made.shown for made in (bent, harmonics) if made.shown), strict=True)
+        for number, beside in enumerate(directional):
+            shown[number] = replace(shown[number], directional=beside)
         tangents = bake.tangents() if self.in_tangent_space and format_of(mesh).holds_tangents else None
         values, as_color = baked.vertex_ao, self.options.vertex_ao == "color"
         vertices = None if values is None else VertexOcclusion(values, as_color)
@@ -183,7 +187,7 @@ class BakePlan:
                 tangents=tangents,
             ),
         )
-        messages = (*made.messages, *_notes_on_options(pictures[0], mesh, baked.options))
+        messages = (*made.messages, *bent.notes, *harmonics.notes, *_notes_on_options(pictures[0], mesh, baked.options))
         messages += _warnings_on_strength(mesh, self.options.strength)
         if self.options.invert:
             messages += _messages_on_inversion(pictures, mesh, shown, readable=bool(read_text(written[0])))
@@ -193,7 +197,7 @@ class BakePlan:
             AoReference(use.slot, use.materials, use.uvs, use.packed, use.strength) for use in made.references
         )
         beside = () if self.texture is None else tuple(pictures)
-        files = BakeFiles(next(iter(beside), None), mesh, beside, bent, harmonics)
+        files = BakeFiles(next(iter(beside), None), mesh, beside, bent.paths, harmonics.paths)
         return WrittenBake(files, tuple(written), self.options.invert, references, messages)
 
     def _write_picture(self, path: Path, baked: Baked, bit_depth: BitDepth, *, inverted: bool) -> None:
@@ -205,16 +209,21 @@ class BakePlan:
         """Whether a picture needs the tangents of the mesh to be read."""
         return (self.bent is not None or self.sh is not None) and self.options.bent_space == "tangent"
 
-    def _write_directional(self, outputs: Outputs, bake: BakedTextures, file: _File | None) -> tuple[Path, ...]:
-        """Write the bent normals of each texture, or the spherical harmonics; return the paths."""
+    def _write_directional(
+        self,
+        outputs: Outputs,
+        bake: BakedTextures,
+        mesh: Path,
+        holds: Directions,
+        scratch: Path,
+    ) -> WrittenPictures:
+        """Write the bent normals of each texture, or the spherical harmonics, where they are asked for."""
+        file = self.bent if holds == "bent normals" else self.sh
         if file is None:
-            return ()
-        make, depth = bent_picture if file is self.bent else harmonics_picture, _depth(file.path, self.options)
-        paths = tuple(_of_texture(file.path, one.name) for one in bake.textures)
-        for path, one in zip(paths, bake.textures, strict=True):
-            pixels = make(one.baked, self.options, floats=depth in ("half", "float"))
-            write_image(outputs.path(path), pixels, depth)
-        return paths
+            return WrittenPictures()
+        paths = [_of_texture(file.path, one.name) for one in bake.textures]
+        folder = (scratch / holds) if _embeds(mesh) else None
+        return write_pictures(outputs, holds, paths, bake.textures, self.options, mesh, folder)
 
     def _write_upright(self, outputs: Outputs, mesh: Path, texture: TextureBake, scratch: Path) -> Path:
         """Write the picture of the AO that the mesh refers to where a texture is inverted; return its path."""
@@ -348,11 +357,6 @@ def _given_picture(wanted: Output | None, default: str, argument: str) -> _File 
             argument, f"is {path}, which holds no four linear channels; use one of {', '.join(HARMONICS_EXTENSIONS)}"
         )
     return _File(path, wanted)
-
-
-def _depth(path: Path, options: BakeOptions) -> Depth:
-    """Return the bit depth of a picture of directions: that of the options where its format has it."""
-    return choose_bit_depth(path, options.bit_depth if options.bit_depth in BIT_DEPTHS[path.suffix.lower()] else "auto")
 
 
 def _given_mesh(wanted: Output, options: BakeOptions) -> _File | None:

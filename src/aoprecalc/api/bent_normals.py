@@ -51,23 +51,22 @@ def spherical_harmonics(baked: Baked, options: BakeOptions, space: BentSpace = "
 DIRECTIONAL = bent_normals, spherical_harmonics  # what Python gets
 
 
-def bent_picture(baked: Baked, options: BakeOptions, *, floats: bool) -> Float32Array:
-    """Return the pixels of a picture of bent normals, (height, width, 3); of integers unless `floats`, in [0, 1]."""
-    vectors = _with_green(bent_normals(baked, options, options.bent_space), options)
-    return vectors if floats else encoded(vectors)
+def bent_picture(baked: Baked, options: BakeOptions) -> Float32Array:
+    """Return the pixels of a picture of bent normals, (height, width, 3) float32 in [-1, 1]."""
+    return _with_green(bent_normals(baked, options, options.bent_space), options)
 
 
-def harmonics_picture(baked: Baked, options: BakeOptions, *, floats: bool) -> Float32Array:
+def harmonics_picture(baked: Baked, options: BakeOptions) -> Float32Array:
     """Return the pixels of a picture of spherical harmonics, (height, width, 4): the AO and the vector, see above."""
     pixels = spherical_harmonics(baked, options, options.bent_space)
-    vectors = _with_green(pixels[..., 1:], options)
-    pixels[..., 1:] = vectors if floats else encoded(vectors)
+    pixels[..., 1:] = _with_green(pixels[..., 1:], options)
     return pixels
 
 
-def encoded(vectors: Float32Array) -> Float32Array:
-    """Return vectors in [-1, 1] as pictures of integers hold them, in [0, 1]: 0.5 v + 0.5."""
-    pictured: Float32Array = np.float32(0.5) * vectors + np.float32(0.5)
+def encoded(pixels: Float32Array) -> Float32Array:
+    """Return pixels as pictures of integers hold them: of the last three channels, a vector, 0.5 v + 0.5."""
+    pictured = pixels.copy()
+    pictured[..., -3:] = np.float32(0.5) * pixels[..., -3:] + np.float32(0.5)
     return pictured
 
 

@@ -49,7 +49,8 @@ class PartRoles(Report):
 class AoReference(Report):
     """Where the mesh file refers to the texture.
 
-    slot        as the format calls it: occlusionTexture, baseColorTexture, map_Kd, map_Ka, TextureFile
+    slot        as the format calls it: occlusionTexture, baseColorTexture, map_Kd, map_Ka, TextureFile; also
+                extras.aoprecalc.bentNormalTexture and sphericalHarmonicsTexture, for the pictures beside it
     materials   how many refer to it so; None for PLY, which has no materials
     uvs         as the format calls them: TEXCOORD_1, vt, s and t
     packed      the texture also holds their roughness and metalness

@@ -79,9 +79,11 @@ class Outputs(AbstractContextManager["Outputs"]):
         return self._staging is not None
 
     def candidates(self, file: Path) -> Iterator[Path]:
-        """Yield a path, then numbered ones, without those of these files."""
+        """Yield a path, then numbered ones, without those of these files and those that are reserved."""
         numbered = (file.with_name(f"{file.stem}_{number}{file.suffix}") for number in count(1))
-        return (name for name in chain([file], numbered) if self.written(name) == name)
+        return (
+            name for name in chain([file], numbered) if self.written(name) == name and _real(name) not in self._claimed
+        )
 
     def free_path(self, file: Path, data: bytes, own: Collection[Path] = ()) -> Path:
         """Return where a copy of these bytes may be written: `file`, or with a number if something else has that name.

@@ -175,6 +175,7 @@ class MeshFormat(ABC):
     holds_vertex_ao   the vertices can have the values of a bake
     holds_tangents    they can have tangents
     holds_textures    its materials can have different baked textures
+    holds_directional   they can refer to pictures of bent normals, of these extensions
     """
 
     name: ClassVar[str]
@@ -188,6 +189,7 @@ class MeshFormat(ABC):
     holds_vertex_ao: ClassVar[bool] = False
     holds_tangents: ClassVar[bool] = False
     holds_textures: ClassVar[bool] = False
+    holds_directional: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def sniff(self, data: bytes) -> bool:

@@ -4,10 +4,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count, pairwise
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
+from aoprecalc.options import BentSpace, Green
 from aoprecalc.types import (
     REVERSED_WINDING,
     Atlas,
@@ -24,6 +25,25 @@ _ROUNDING = 1e-6  # by which UVs may leave [0, 1]
 Values = TypeVar("Values", Float32Array, Float64Array)
 
 
+Directions = Literal["bent normals", "spherical harmonics"]
+
+
+@dataclass(frozen=True)
+class DirectionalPicture:
+    """A picture of bent normals or of spherical harmonics, of integers.
+
+    holds   which of them
+    path    of the picture, already written
+    space   of its vectors
+    green   where their second component points
+    """
+
+    holds: Directions
+    path: Path
+    space: BentSpace
+    green: Green
+
+
 @dataclass(frozen=True, eq=False)
 class MeshTexture:
     """A baked texture of a mesh.
@@ -32,12 +52,14 @@ class MeshTexture:
     path    of the picture, already written
     atlas   the UVs of its faces
     faces   (f,) bool: those whose occlusion it holds
+    directional   further pictures on the same UVs; none where the format of the mesh cannot refer to them
     """
 
     name: str
     path: Path
     atlas: Atlas
     faces: BoolArray
+    directional: tuple[DirectionalPicture, ...] = ()
 
     def repeats(self, scene: Scene) -> bool:
         """Tell whether some of its UVs, as they are written, lie outside [0, 1], so that the picture repeats."""

@@ -28,6 +28,7 @@ class GltfFormat(MeshFormat):
     extensions = (".gltf", ".glb", ".vrm")
     writes = packs_orm = alpha = holds_options = has_strength = True
     holds_vertex_ao = holds_textures = holds_tangents = True
+    holds_directional = (".png", ".jpg", ".jpeg")
     one_uv_set = False
 
     def sniff(self, data: bytes) -> bool:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.io.baked_options import EXTRAS
 from aoprecalc.io.formats.builder import damaged_file
 from aoprecalc.io.formats.gltf.document import (
     COMPONENTS,
@@ -292,13 +293,13 @@ def check_references(path: Path, document: Json) -> None:
     """Raise InputError for a reference to a texture, image, sampler, buffer view or coarser level that does not exist.
 
     An entry that the bake adds would otherwise get that index. So does one that is not a whole number, unless it is in
-    an extension that is not known.
+    an extension that is not known. Those in extras are not held to it: programs that know no extras may break them.
     """
     for names, holder, key in _scalars(document, ()):
-        kind, value = _kind(names), holder[key]
+        kind, value = None if EXTRAS in names else _kind(names), holder[key]
         if kind is not None and type(value) is not int and not unknown_extensions(_extensions_in(names)):
             raise damaged_file(path, f"it refers to entry {str(value)[:20]!r} of {kind}, a whole number was expected")
-    for kind, found in _references(document).items():
+    for kind, found in _references(document, extras=False).items():
         count = len(document.get(kind, []))
         for holder, key in found:
             if not 0 <= holder[key] < count:
@@ -335,11 +336,11 @@ def _used(document: Json) -> dict[str, set[int]]:
     return {kind: {holder[key] for holder, key in found} for kind, found in _references(document).items()}
 
 
-def _references(document: Json) -> dict[str, list[Reference]]:
-    """Return all references to entries of each kind."""
+def _references(document: Json, *, extras: bool = True) -> dict[str, list[Reference]]:
+    """Return all references to entries of each kind; `extras`: those that this program writes there, too."""
     found: dict[str, list[Reference]] = {kind: [] for kind in KINDS}
     for names, holder, key in _scalars(document, ()):
-        kind = _kind(names)
+        kind = _kind(names) if extras or EXTRAS not in names else None
         if kind is not None and type(holder[key]) is int:  # not a boolean
             found[kind].append((holder, key))
     return found
@@ -372,7 +373,7 @@ def _extensions_in(names: tuple[str, ...]) -> list[str]:
 def _scalars(value: Any, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
     """Yield (names, holder, key) for every number or text in a JSON value: the path of names to it, and its place.
 
-    What is in extras is left out: its meaning is unknown.
+    What is in extras is left out, as its meaning is unknown, but for what this program writes there.
     """
     for key, member in list(value.items() if isinstance(value, dict) else enumerate(value)):
         path = (*names, key) if isinstance(value, dict) else names
@@ -381,3 +382,5 @@ def _scalars(value: Any, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ..
                 yield path, value, key
         elif key != "extras":
             yield from _scalars(member, path)
+        elif isinstance(member, dict) and isinstance(member.get(EXTRAS), dict):
+            yield from _scalars(member[EXTRAS], (*path, EXTRAS))

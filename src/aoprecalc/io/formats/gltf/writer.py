@@ -22,6 +22,11 @@ from aoprecalc.io.formats.base import (
     source_materials,
 )
 from aoprecalc.io.formats.gltf.compression import EXTENSIONS
+from aoprecalc.io.formats.gltf.directional_textures import (
+    add_directional,
+    directional_references,
+    earlier_references,
+)
 from aoprecalc.io.formats.gltf.document import BIN_CHUNK, BINARY_EXTENSIONS, JSON_CHUNK, MAGIC, GltfDocument, Json
 from aoprecalc.io.formats.gltf.edit import edit_document
 from aoprecalc.io.formats.gltf.images import (
@@ -199,7 +204,8 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
             messages += notes
 
     extras = occlusion_extras(document, materials, mesh.options)
-    release_references(document, buffer, replaced_references(document, materials, packed))
+    replaced = (*replaced_references(document, materials, packed), *earlier_references(document, list(materials)))
+    release_references(document, buffer, replaced)
     if is_new:
         if (lost := len(scene.uv_sets) - (2 if any(one.atlas.uv_set for one in mesh.textures) else 1)) > 0:
             sets = counted(lost, "further UV set")
@@ -223,11 +229,13 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     if is_new and not (mesh.vertices and mesh.vertices.as_color):  # both would darken the colour twice
         shown = show_textures(document, materials, textures)
     assign_textures(document, materials, textures, packed, extras, mesh.strength)
+    messages += add_directional(outputs, path, document, buffer, mesh, materials)
     if mesh.vertices and mesh.vertices.as_color:
         messages += kept_colors(path, document)
     compact(document)
     messages += _write(outputs, path, document, buffer.data)
-    return WrittenMesh(_references(materials, shown, packed, mesh.strength), tuple(messages))
+    references = _references(materials, shown, packed, mesh.strength)
+    return WrittenMesh((*references, *directional_references(document, list(materials))), tuple(messages))
 
 
 def _numbers_told(before: Json, after: Json) -> Iterator[str]:
