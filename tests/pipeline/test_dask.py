@@ -9,16 +9,23 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
+from PIL import Image
 
 from aoprecalc import BakeOptions, BatchOptions, SphereOptions, batch
+from aoprecalc.api.bake import bake_file
 from aoprecalc.errors import AoprecalcError, UsageError
 from aoprecalc.pipeline import BatchProgress
 from aoprecalc.pipeline import dask_client as workers
 from aoprecalc.pipeline import dask_worker as remote
 from aoprecalc.pipeline.dask_worker import WorkerInfo
 from aoprecalc.pipeline.jobs import Job, JobSpec
+from gltf_kit.gltf_animated import box_with_lid
+from gltf_kit.gltf_maker import GltfMaker
 from pipeline.helpers import contents, wait_until, without_times, write_ring
+from shapes import torus
 
 distributed = pytest.importorskip("distributed")
 
@@ -84,6 +91,35 @@ def test_a_cluster_makes_the_same_bytes(two_workers, meshes, expected, tmp_path,
     assert on(two_workers, meshes, tmp_path, ship=ship, progress=progress).passed
     assert files(tmp_path) == expected
     assert sorted(result.asset.name for result in progress.results) == NAMES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("split", [False, True], ids=["whole", "split"])
+@pytest.mark.parametrize("what", ["poses", "details"])
+def test_poses_details_a_sky_and_bent_normals_have_the_bytes_of_one_process(two_workers, tmp_path, what, split):
+    bake = {"size": 64, "directions": 128, "sky": "sky.png"}
+    Image.fromarray(np.repeat(np.array([(20, 200)], np.uint8), 8, axis=1).repeat(8, axis=0)).save(tmp_path / "sky.png")
+    if what == "poses":
+        mesh = box_with_lid(GltfMaker(tmp_path)).save("mesh.glb")
+        bake["pose"] = ["open@0.5", "open@1"]
+    else:
+        mesh = write_ring(tmp_path / "mesh.obj")
+        positions, faces = torus(around=64, across=32)
+        trimesh.Trimesh(positions, faces, process=False).export(tmp_path / "mesh_high.ply")
+        bake["high"] = "mesh_high.ply"
+    lines = "".join(f"{key} = {json.dumps(value)}\n" for key, value in bake.items())
+    manifest = tmp_path / "assets.toml"
+    manifest.write_text(f'inputs = ["{mesh.name}"]\noutput = "cluster"\n[bake]\n{lines}bent-normals = ".png"\n')
+    options = BatchOptions(scheduler=two_workers.scheduler_address, split=split)
+    assert batch(manifest, options=options).passed
+    made = {name: data for name, data in contents(tmp_path / "cluster").items() if not name.endswith("_report.json")}
+    assert {"mesh_ao.png", "mesh_bent.png"} < made.keys()
+
+    files = {name: str(tmp_path / bake[name]) for name in ("sky", "high") if name in bake}
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    bake_file(mesh, alone, bent_normals=alone / "mesh_bent.png", options=BakeOptions(**bake | files))
+    assert contents(alone) == made
 
 
 @pytest.mark.slow
