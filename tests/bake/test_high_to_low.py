@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 import aoprecalc as ao
+from aoprecalc.api.bake_scene import OpenedBake, bake_scene, prepare_scene
 from aoprecalc.api.high_to_low import with_detail
 from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.mesh.roles import assign_roles
@@ -18,11 +19,12 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import atlas_from_uvs
 from aoprecalc.render.simplification import simplified
 from aoprecalc.texture_lookup import bilinear
+from aoprecalc.types import AlphaMask, Material
 from aoprecalc.visibility import setup
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.setup import FIT_CHUNK, BakeInputs, BakeSetup
 from bake.test_projection import bumpy, plane
-from shapes import MESHES, box, join, quad, quad_uvs
+from shapes import MESHES, box, join, quad, quad_uvs, scene, scene_of_parts
 
 QUICK = {"directions": 256, "size": 64}
 SQUARE = quad_uvs((0, 0), (1, 1))
@@ -98,6 +100,26 @@ def test_names_that_do_not_match_are_told(tmp_path):
     assert any("1 part ('c') of the detailed mesh matches no part" in line for line in report.warnings)
     report = ao.bake(tmp_path / "low.glb", BakeOptions(high=tmp_path / "other.glb", **QUICK)).report
     assert any("no names of parts match" in line for line in report.notes)
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_a_plane_is_met_through_the_hole_of_a_masked_sheet_over_it(backend):
+    """Beside the edge of a long half plane at height d, at a distance a, (1 + a / sqrt(a^2 + d^2)) / 2 is open."""
+    sheet = quad((-3, -3, 0.05), (6, 0, 0), (0, 6, 0))
+    floor = quad((-3, -3, -0.05), (6, 0, 0), (0, 6, 0))
+    high = scene_of_parts(sheet, floor)
+    mask = AlphaMask(np.array([[0, 1]], np.float32), SQUARE, np.ones((2, 3)), 0.5, ("clamp", "clamp"))
+    first, second = high.parts
+    high = replace(high, parts=(replace(first, material=Material(alpha_mask=mask)), second))
+    low = scene(*quad((-0.5, -0.5, 0), (1, 0, 0), (0, 1, 0)), SQUARE)
+    options = BakeOptions(backend=backend, unwrap="keep", cage=0.1, size=64, directions=2000)
+    prepared, normals = prepare_scene(low, options, [high])
+    with open_backend(options, Progress()) as opened:
+        texture = bake_scene(prepared, options, opened=OpenedBake(opened, normals)).texture
+    x = (np.arange(64) + 0.5) / 64 - 0.5
+    expected = np.where(x < 0, (1 - x / np.hypot(x, 0.1)) / 2, 1.0)
+    assert np.abs(texture.values - expected)[:, np.abs(x) > 0.02].max() < 0.02
+    assert texture.valid.all()
 
 
 def test_misses_are_counted_named_and_filled_from_around():

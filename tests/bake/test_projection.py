@@ -10,10 +10,10 @@ from aoprecalc.mesh.detail import Detail, cage_at, detailed_surface, match_parts
 from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import ValueOptions
 from aoprecalc.raster.layout import Samples
-from aoprecalc.types import Part
+from aoprecalc.types import AlphaMask, Material, Part
 from aoprecalc.visibility.cage import auto_cage, read_cage
 from aoprecalc.visibility.projection import Projection
-from shapes import ball, box, join, quad, scene, scene_of_parts
+from shapes import ball, box, join, quad, quad_uvs, scene, scene_of_parts
 
 
 def bumpy(height, cells=32, frequency=8):
@@ -66,6 +66,17 @@ def test_the_surface_nearest_to_the_cage_is_met_and_backs_are_passed():
     assert projected(low, detail_of_parts(low, scene(*join(back, plane(-0.05))), cage=0.1))[1][:, 2] == pytest.approx(
         -0.05
     )
+
+
+@pytest.mark.parametrize("double_sided", [False, True])
+def test_the_holes_of_alpha_masks_are_passed(double_sided):
+    low, high = scene(*plane()), scene_of_parts(plane(0.05), plane(-0.05))
+    alpha, uvs = np.array([[0, 1]], np.float32), quad_uvs((0, 0), (1, 1))
+    mask = AlphaMask(alpha, uvs, np.ones((2, 3)), 0.5, ("clamp", "clamp"))
+    sheet = replace(high.parts[0], material=Material(alpha_mask=mask, foliage=double_sided))
+    start, end, hit, *_ = projected(low, detail_of_parts(low, replace(high, parts=(sheet, high.parts[1])), cage=0.1))
+    assert hit.all()
+    assert end[:, 2] == pytest.approx(np.where(start[:, 0] < 0.5, -0.05, 0.05))
 
 
 def test_samples_without_a_face_stay_so_and_others_do_not_depend_on_what_else_is_asked():

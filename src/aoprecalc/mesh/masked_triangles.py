@@ -268,6 +268,12 @@ class MaskedTriangles:
         for chunk in _chunks(np.arange(len(index)), _CHUNK):
             yield interpolate(self.corners[copy[chunk]], piece_weights[index[chunk]]), self.faces[copy[chunk]]
 
+    def roots_of_faces(self, count: int) -> Int32Array:
+        """Return the root triangle of each of the `count` faces of the scene, (count,); -1 for those without a mask."""
+        roots = np.full(count, -1, np.int32)
+        roots[self.faces] = np.repeat(np.arange(len(self.attributes)), np.diff(self.copy_starts))
+        return roots
+
     def _chunks(self, triangle: Int32Array) -> Iterator[tuple[AlphaTexture, Int64Array]]:
         """Group root triangles, (m,), into chunks with one texture; yield it and their positions in `triangle`."""
         for chunk in _chunks(np.arange(len(triangle)), _CHUNK):

@@ -2,7 +2,7 @@
 
 Let q be the point of the cage, and d the direction, that belong to a point p of the low surface; q = p + c d. The ray
 goes from q along -d, and ends 2 c away, as far behind p as it began before it. The point of p on the high surface is
-where the ray first meets a face of its partners whose front it sees.
+where the ray first meets a face of its partners whose front it sees. The holes of alpha masks let it through.
 """
 
 from collections.abc import Iterator
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.detail import Detail
+from aoprecalc.mesh.masked_triangles import MaskedTriangles
 from aoprecalc.mesh.surface import SurfacePoints, bounding_sphere, geometric_normals, normalize
 from aoprecalc.raster.layout import Samples
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Scene
@@ -57,6 +58,8 @@ class Projection:
         self.high_normals = geometric_normals(high, detail.normals)
         self._directions, self._distances = detail.cage.directions, detail.cage.distances / radius
         self._both_sides = high.two_sided
+        self._masked = MaskedTriangles.from_scene(high)
+        self._roots = None if self._masked is None else self._masked.roots_of_faces(len(high.faces))
         corners = ((high.corners - center) / radius).astype(np.float32)
         numbers = {partners: number for number, partners in enumerate(dict.fromkeys(detail.partners))}
         sizes = [part.stop - part.start for part in low.parts]
@@ -115,7 +118,18 @@ class Projection:
             done[waiting] = hits.distances + _STEP
             cosines = np.einsum("kx,kx->k", self.high_normals[hits.faces], directions[waiting])
             counts = (cosines < 0 if fronts else cosines > 0) | self._both_sides[hits.faces]
+            counts &= ~self._in_holes(hits)
             yield Hits(waiting[counts], hits.faces[counts], hits.weights[counts], hits.distances[counts])
+
+    def _in_holes(self, hits: Hits) -> BoolArray:
+        """Return which of k hits are in the hole of an alpha mask, (k,) bool."""
+        holes: BoolArray = np.zeros(len(hits.faces), bool)
+        if self._masked is not None and self._roots is not None:
+            roots = self._roots[hits.faces]
+            masked = roots >= 0
+            weights = hits.weights[masked, 1:].astype(np.float64)
+            holes[masked] = self._masked.excess(roots[masked], weights) < 0
+        return holes
 
     def _meet(
         self,
