@@ -9,13 +9,13 @@ import numpy as np
 from aoprecalc.errors import InputError, counted, option_name
 from aoprecalc.io import load_scene
 from aoprecalc.io.images import read_pixels
-from aoprecalc.mesh.opaque_triangles import opaque_triangles
+from aoprecalc.mesh.opaque_triangles import opaque_pieces
 from aoprecalc.mesh.roles import finest_level
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import named_files, with_files
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
-from aoprecalc.types import Float32Array, Float64Array, Scene
+from aoprecalc.types import REVERSED_WINDING, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.sky import sky_image
 
 _LINEAR = (".hdr", ".exr", ".tif", ".tiff")  # images of radiance
@@ -39,8 +39,8 @@ def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
     triangles, warnings, notes = list[Float64Array](), list[str](), list[str]()
     for path in options.occluder:
         other = load_scene(path)
-        found = _occluding_triangles(other, options)
-        triangles.append(found)
+        found, backs = _occluding_triangles(other, options)
+        triangles += [found, backs]
         warnings += [*other.warnings, *differences(scene, other)]
         notes += [*other.notes, Note(f"{other.path.name}: occludes with {counted(len(found), 'triangle')}")]
     return replace(
@@ -70,15 +70,22 @@ def _read_sky(path: Path) -> Float32Array:
     return sky_image(pixels)
 
 
-def _occluding_triangles(scene: Scene, options: ValueOptions) -> Float64Array:
-    """Return the triangles of a file that occlude, (o, 3, 3)."""
+def _occluding_triangles(scene: Scene, options: ValueOptions) -> tuple[Float64Array, Float64Array]:
+    """Return the triangles of a file that occlude, (o, 3, 3), and the backs, (b, 3, 3), of those with two sides.
+
+    Where faces occlude only what is in front of them, sheets have both; else there are no backs.
+    """
     if not options.all_parts:
         scene = finest_level(scene)[0]
     parts = (
         replace(part, occludes=options.glass_occludes or not part.material.transparent, receives=True)
         for part in scene.parts
     )
-    return opaque_triangles(replace(scene, parts=tuple(parts)))
+    triangles, faces = opaque_pieces(replace(scene, parts=tuple(parts)))
+    if options.backfaces == "occlude":
+        return triangles, triangles[:0]
+    double = scene.per_face(part.material.foliage or part.material.double_sided for part in scene.parts)[faces]
+    return triangles, triangles[double][:, REVERSED_WINDING]
 
 
 def differences(scene: Scene, other: Scene) -> Iterator[str]:
