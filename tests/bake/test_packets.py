@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from aoprecalc.progress import Progress
-from aoprecalc.visibility import packets
+from aoprecalc.visibility import packets, rays
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.integrand import Integrand
-from aoprecalc.visibility.packets import PacketTester
-from aoprecalc.visibility.rays import RayTester
+from aoprecalc.visibility.ray_testers import PacketTester, RayTester
+from aoprecalc.visibility.rays import RayCaster
 from aoprecalc.visibility.sky import OvercastSky
 from bake.test_visibility import still
 
@@ -85,6 +85,22 @@ def test_directions_done_are_counted_seed_3(monkeypatch):
     PacketTester(surface, Integrand(), threads=2).accumulate(samples, AXES, Counter())
     assert sum(counted) == 2 * len(AXES)
     assert len(counted) > 10
+
+
+@pytest.mark.parametrize("max_distance", [1e30, 2.0])
+@pytest.mark.parametrize("parallel", [True, False])
+def test_packets_of_any_rays_hit_what_single_rays_hit_seed_4(parallel, max_distance, monkeypatch):
+    rng = np.random.default_rng(4)
+    corners = rng.normal(size=(60, 1, 3)) + 0.3 * rng.normal(size=(60, 3, 3))
+    origins = rng.normal(size=(1003, 3)).astype(np.float32)
+    directions = rng.normal(size=(1 if parallel else 1003, 3)).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    caster = RayCaster(corners.astype(np.float32), threads=2)
+    single = caster.occluded(origins, directions, max_distance)
+    assert 0.1 < single.mean() < 0.9
+    monkeypatch.setattr(rays, "_PACKED_RAYS", 0)
+    monkeypatch.setattr(packets, "_RAYS_PER_TASK", 160)
+    assert np.array_equal(caster.occluded(origins, directions, max_distance), single)
 
 
 def test_code_that_has_no_file_is_compiled_all_the_same():

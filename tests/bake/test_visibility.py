@@ -11,7 +11,7 @@ from aoprecalc.raster.layout import CENTER, build_layout
 from aoprecalc.types import Atlas
 from aoprecalc.visibility.directions import convex_hull_points, fit_projections, light_axes
 from aoprecalc.visibility.integrand import Integrand
-from aoprecalc.visibility.rays import RayTester
+from aoprecalc.visibility.ray_testers import RayTester
 from shapes import clutter, scene, triangle_a_cell
 
 SIZE = 40

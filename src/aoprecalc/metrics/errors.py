@@ -17,7 +17,7 @@ from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.directions import orthonormal_basis
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.projection import Projection
-from aoprecalc.visibility.rays import RAY_OFFSET, RayOcclusion
+from aoprecalc.visibility.ray_testers import RAY_OFFSET, RayOcclusion
 from aoprecalc.visibility.sky import ImageSky
 
 MIP_LEVELS = 5

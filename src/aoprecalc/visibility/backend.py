@@ -21,9 +21,9 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import Layout, Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections
-from aoprecalc.visibility.embree import casts_packets
 from aoprecalc.visibility.integrand import Integrand
-from aoprecalc.visibility.rays import RayTester, cast_depths, embreex_problem, require_embreex
+from aoprecalc.visibility.ray_testers import PacketTester, RayTester
+from aoprecalc.visibility.rays import cast_depths, embreex_problem, require_embreex
 
 _GROUP_MAP = 64  # map texels: sides of the maps of parts that others do not occlude are multiples of it
 _DIAMETER = 2.0  # of what receives, at most
@@ -182,9 +182,7 @@ class RayBackend:
         """Return a PacketTester, or a RayTester where packets do not do; or one for each group of the surface."""
         if surface.groups is not None:
             return GroupTester(self, surface, integrand, shadow_size)
-        if integrand.falloff == "none" and not surface.one_sided and casts_packets():
-            from aoprecalc.visibility.packets import PacketTester
-
+        if PacketTester.serves(surface, integrand):
             return PacketTester(surface, integrand, self._threads)
         return RayTester(surface, integrand, self._threads)
 

@@ -28,7 +28,8 @@ from aoprecalc.types import (
 from aoprecalc.visibility.backend import Backend, RayBackend
 from aoprecalc.visibility.directions import MIN_SHADOW_SIZE, light_axes
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion
-from aoprecalc.visibility.rays import RAY_OFFSET, RayCaster, embreex_problem
+from aoprecalc.visibility.ray_testers import RAY_OFFSET
+from aoprecalc.visibility.rays import RayCaster, embreex_problem
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 
 _LOOK_SIZE, _LOOK_DIRECTIONS = 256, 64  # twice as many each lower the error by less than 1%

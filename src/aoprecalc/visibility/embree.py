@@ -73,6 +73,7 @@ def casts_packets() -> bool:
 class OcclusionScene:
     """Triangles, ready to be hit by packets of rays.
 
+    triangles    how many
     occluded16   the address of rtcOccluded16, for compiled code
     scene        the address of the scene
     """
@@ -82,7 +83,7 @@ class OcclusionScene:
         embree = library()
         if embree is None:
             raise RendererError("embreex carries no library of Embree 4; install it again: `pip install embreex`")
-        self._embree = embree
+        self._embree, self.triangles = embree, len(corners)
         self.occluded16: int = ctypes.cast(embree.rtcOccluded16, _POINTER).value or 0
         # Embree reads both as long as the scene lives.
         self._vertices = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)

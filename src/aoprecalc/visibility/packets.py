@@ -1,8 +1,8 @@
-"""Visibility by packets of 16 rays, in compiled code: the sums of a RayTester where only the first hit counts.
+"""Packets of 16 rays, in compiled code: whether they hit anything, and visibility sums.
 
-A packet holds one direction for 16 samples that follow each other, which lie side by side on the surface, and Embree
-follows the 16 rays together. Where triangles are smaller than the distance between samples, such rays soon part; then
-a packet holds 16 directions of one sample.
+For the sums a packet holds one direction for 16 samples that follow each other, which lie side by side on the surface,
+and Embree follows the 16 rays together. Where triangles are smaller than the distance between samples, such rays soon
+part; then a packet holds 16 directions of one sample.
 """
 
 from collections.abc import Callable
@@ -15,80 +15,22 @@ from numba import njit, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import Samples
-from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Float64Array
 from aoprecalc.visibility.embree import OcclusionScene, occluded_arguments
-from aoprecalc.visibility.integrand import Integrand
-from aoprecalc.visibility.rays import ray_origins
 
 FloatArray = NDArray[np.floating]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _LANES = 16  # rays of a packet
-_SAMPLES_PER_TASK = 1 << 14  # of a thread; a multiple of _LANES, so that packets do not depend on threads
-_FAR = 1e30  # beyond everything
+# Of a thread; multiples of _LANES, so that packets do not depend on threads.
+_SAMPLES_PER_TASK, _RAYS_PER_TASK = 1 << 14, 1 << 18
 _SAMPLES_PER_TRIANGLE = 4.0  # from which packets of samples are faster than packets of directions (measured)
 
 # The rows of RTCRay16 that are used, and one more: which lanes are valid.
 _ORIGIN, _DIRECTION, _REACH, _MASK, _VALID, _ROWS = 0, 4, 8, 9, 12, 13
 _HIT = -1.0  # the reach of a ray that has hit something, as Embree leaves it
 _ALIGNMENT = 64  # bytes
-
-
-class PacketTester:
-    """A VisibilityTester that casts packets of rays, where the first hit on any side of a triangle counts."""
-
-    def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
-        """Build the occluders; `threads` cast rays, 0 is one for each core."""
-        self._surface, self._integrand, self._threads = surface, integrand, threads or whole_cores()
-        self._scene = OcclusionScene(surface.occluders)
-
-    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return the visibility sums of the samples, see VisibilityTester."""
-        with_face, origins, normals, geometric = ray_origins(self._surface, samples)
-        receivers = Receivers(origins, normals, geometric, self._surface.is_under_ground(origins))
-        sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
-        sums[with_face] = self._sums(receivers, self._lights(axes), progress)
-        return sums
-
-    def _lights(self, axes: Float64Array) -> "Lights":
-        surface, integrand = self._surface, self._integrand
-        return Lights(
-            axes=axes,
-            radiance=np.stack([integrand.radiance(axes), integrand.radiance(-axes)], axis=1),
-            cosine=integrand.weight == "cosine",
-            min_cosine=integrand.min_cosine,
-            reach=min(integrand.max_distance / surface.unit, _FAR),
-            up=np.array([surface.ground_normal or (0.0, 0.0, 0.0)]),
-            ground=surface.ground_height,
-        )
-
-    def _sums(self, receivers: "Receivers", lights: "Lights", progress: Progress) -> Float32Array:
-        count, of_samples = len(receivers.origins), self._samples_are_close(len(receivers.origins))
-        sums = np.zeros((count, self._integrand.columns), np.float32)
-        embree = _Embree(self._scene.occluded16, self._scene.scene, occluded_arguments(coherent=of_samples))
-
-        def add_from(start: int) -> None:
-            stop = min(start + _SAMPLES_PER_TASK, count)
-            _add_visibility(embree, receivers, lights, sums, start, stop, of_samples)
-
-        starts, done, total = range(0, count, _SAMPLES_PER_TASK), 0, 2 * len(lights.axes)
-        with ThreadPoolExecutor(self._threads) as pool:
-            for number, _ in enumerate(pool.map(add_from, starts), 1):
-                before, done = done, total * number // len(starts)
-                progress.advance(done - before)
-        progress.advance(total - done)
-        return sums
-
-    def _samples_are_close(self, count: int) -> bool:
-        """Tell whether so many samples lie closer together than triangles are wide."""
-        return count >= _SAMPLES_PER_TRIANGLE * len(self._surface.occluders)
-
-
-# Compiled code.
 
 
 class Receivers(NamedTuple):
@@ -125,6 +67,50 @@ class Lights(NamedTuple):
     reach: float
     up: Float64Array
     ground: float
+
+
+def visibility_sums(
+    scene: OcclusionScene, receivers: Receivers, lights: Lights, columns: int, threads: int, progress: Progress
+) -> Float32Array:
+    """Return the visibility sums of k samples, (k, columns) float32, see VisibilityTester; `threads` cast rays."""
+    count = len(receivers.origins)
+    of_samples = count >= _SAMPLES_PER_TRIANGLE * scene.triangles
+    sums = np.zeros((count, columns), np.float32)
+    embree = _Embree(scene.occluded16, scene.scene, occluded_arguments(coherent=of_samples))
+
+    def add_from(start: int) -> None:
+        stop = min(start + _SAMPLES_PER_TASK, count)
+        _add_visibility(embree, receivers, lights, sums, start, stop, of_samples)
+
+    starts, done, total = range(0, count, _SAMPLES_PER_TASK), 0, 2 * len(lights.axes)
+    with ThreadPoolExecutor(threads) as pool:
+        for number, _ in enumerate(pool.map(add_from, starts), 1):
+            before, done = done, total * number // len(starts)
+            progress.advance(done - before)
+    progress.advance(total - done)
+    return sums
+
+
+def occluded(
+    scene: OcclusionScene, origins: Float32Array, directions: Float32Array, reach: float, threads: int
+) -> BoolArray:
+    """Return which of k rays hit a triangle within `reach`, (k,) bool.
+
+    origins      (k, 3) float32
+    directions   (k, 3) float32, or (1, 3) for parallel rays
+    """
+    count, hits = len(origins), np.empty(len(origins), bool)
+    embree = _Embree(scene.occluded16, scene.scene, occluded_arguments(coherent=len(directions) == 1))
+
+    def cast_from(start: int) -> None:
+        _cast_each(embree, origins, directions, reach, hits, start, min(start + _RAYS_PER_TASK, count))
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(cast_from, range(0, count, _RAYS_PER_TASK)))
+    return hits
+
+
+# Compiled code.
 
 
 class _Embree(NamedTuple):
@@ -206,6 +192,36 @@ def _aim(packet: Float32Array, lane: int, receivers: Receivers, sample: int, lig
         packet[_DIRECTION + dimension, lane] = sign * lights.axes[axis, dimension]
     packet[_REACH, lane] = _HIT if stopped else lights.reach
     return sign * weight
+
+
+@_compiled
+def _cast_each(
+    embree: _Embree,
+    origins: Float32Array,
+    directions: Float32Array,
+    reach: float,
+    hits: BoolArray,
+    start: int,
+    stop: int,
+) -> None:
+    """Store whether rays start .. stop - 1 hit anything; one direction counts for all."""
+    packet = _packet()
+    valid = packet[_VALID].view(np.int32)
+    parallel = len(directions) == 1
+    for first in range(start, stop, _LANES):
+        used = min(_LANES, stop - first)
+        valid[:] = 0
+        for lane in range(used):
+            ray = first + lane
+            for dimension in range(3):
+                packet[_ORIGIN + dimension, lane] = origins[ray, dimension]
+                packet[_DIRECTION + dimension, lane] = directions[0 if parallel else ray, dimension]
+            packet[_REACH, lane], valid[lane] = reach, -1
+        _call_occluded16(
+            embree.occluded16, valid.ctypes.data, embree.scene, packet.ctypes.data, embree.arguments.ctypes.data
+        )
+        for lane in range(used):
+            hits[first + lane] = packet[_REACH, lane] < 0.0
 
 
 @_compiled

@@ -2,29 +2,22 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from importlib import import_module
 from importlib.util import find_spec
-from math import inf
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aoprecalc.errors import RendererError
-from aoprecalc.mesh.normalized_surface import NormalizedSurface
-from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import Samples
 from aoprecalc.system import whole_cores
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
+from aoprecalc.types import BoolArray, Float32Array, Int32Array
 from aoprecalc.visibility.directions import Projections
-from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.embree import OcclusionScene, casts_packets
 
-# Distance above its face at which a ray starts, as a share of the bounding radius, so that it does not hit that face;
-# 32-bit positions are good to 1e-7. With ten times as much, rays near a concave edge start behind the neighbouring
-# face, which then cannot occlude them.
-RAY_OFFSET = 1e-5
 _CHUNK_RAYS = 1 << 18  # that a thread casts at a time
-_FAR = 1e30  # Embree gives more where a ray hits nothing
-_SIGNS = (1.0, -1.0)  # of the two directions of an axis
+_PACKED_RAYS = 1 << 19  # from which numba, which casts packets, is worth the half second that it takes to load
+FAR = 1e30  # Embree gives more where a ray hits nothing
 _MAX_BACKS = 100  # of triangles that a ray passes from behind; beyond so many it sees nothing
 _PAST = 2e-6  # behind such a triangle, as a share of 1 and the way so far, the ray goes on: 32-bit floats tell it apart
 _ABOVE = 1.5  # distance from the origin at which rays along an axis start, outside the unit sphere
@@ -58,16 +51,26 @@ class RayCaster:
         Raises RendererError where rays cannot be traced.
         """
         require_embreex()
+        # The scene does not keep its vertices alive.
+        self._vertices = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
+        self._threads, self._one_sided = threads or whole_cores(), one_sided
+
+    @cached_property
+    def _scene(self) -> Any:
+        """The scene that embreex casts single rays at."""
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        self._scene = EmbreeScene()
-        # The scene does not keep its vertices alive.
-        vertices = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
-        self._mesh = TriangleMesh(self._scene, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
-        self._threads, self._one_sided = threads or whole_cores(), one_sided
+        scene = EmbreeScene()
+        TriangleMesh(scene, self._vertices, np.arange(len(self._vertices), dtype=np.int32).reshape(-1, 3))
+        return scene
 
-    def occluded(self, origins: Float32Array, directions: Float32Array, max_distance: float = _FAR) -> BoolArray:
+    @cached_property
+    def _packed_scene(self) -> OcclusionScene:
+        """The scene for packets of rays."""
+        return OcclusionScene(self._vertices.reshape(-1, 3, 3))
+
+    def occluded(self, origins: Float32Array, directions: Float32Array, max_distance: float = FAR) -> BoolArray:
         """Return which of k rays hit a triangle nearer than `max_distance`, (k,) bool.
 
         origins      (k, 3) float32
@@ -75,6 +78,10 @@ class RayCaster:
         """
         if self._one_sided:
             return ~np.isnan(self.distances(origins, directions, max_distance))
+        if len(origins) >= _PACKED_RAYS and casts_packets():
+            from aoprecalc.visibility.packets import occluded
+
+            return occluded(self._packed_scene, origins, directions, max_distance, self._threads)
         hits = np.empty(len(origins), bool)
 
         def cast(start: int) -> None:
@@ -113,7 +120,7 @@ class RayCaster:
         self._for_chunks(cast, len(positions))
         return hits
 
-    def distances(self, origins: Float32Array, directions: Float32Array, max_distance: float = _FAR) -> Float32Array:
+    def distances(self, origins: Float32Array, directions: Float32Array, max_distance: float = FAR) -> Float32Array:
         """Return how far k rays go until a triangle nearer than `max_distance` stops them, (k,) float32; else NaN.
 
         origins      (k, 3) float32
@@ -130,12 +137,12 @@ class RayCaster:
                 lengths[chunk] = self._scene.run(origins[chunk], along, max_distance, query="DISTANCE")
 
         self._for_chunks(cast, len(origins))
-        lengths[lengths >= min(max_distance, _FAR)] = np.nan
+        lengths[lengths >= min(max_distance, FAR)] = np.nan
         return lengths
 
     def _to_fronts(self, origins: Float32Array, directions: Float32Array, max_distance: float) -> Float32Array:
         """Return how far rays go, see `distances`, on past the triangles that they meet from behind; else 2e30."""
-        lengths, passed = np.full(len(origins), 2 * _FAR, np.float32), np.zeros(len(origins), np.float32)
+        lengths, passed = np.full(len(origins), 2 * FAR, np.float32), np.zeros(len(origins), np.float32)
         waiting = np.arange(len(origins))
         for _ in range(_MAX_BACKS):
             along = directions if len(directions) == 1 else directions[waiting]
@@ -180,79 +187,6 @@ class RayCaster:
             return
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(cast, range(0, count, _CHUNK_RAYS)))
-
-
-class RayOcclusion:
-    """How much of the light the occluders of a surface, and the ground, take, by rays."""
-
-    def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
-        """Build the occluders. Raises RendererError where embreex is not installed."""
-        self._surface, self._integrand = surface, integrand
-        self._occluders = RayCaster(surface.occluders, threads, surface.one_sided)
-
-    def occlusion(self, origins: Float32Array, directions: Float32Array) -> Float64Array:
-        """Return the share of the light from each of k directions that is taken, (k,) in [0, 1].
-
-        origins      (k, 3) float32
-        directions   (k, 3) float32 unit vectors, or (1, 3) for parallel rays
-        """
-        surface, integrand = self._surface, self._integrand
-        below = surface.is_below_ground(directions)
-        if surface.buried:
-            below = below | surface.is_under_ground(origins)
-        if integrand.max_distance == inf:
-            if below.all():
-                return np.ones(len(origins))
-            return np.where(below, 1.0, self._occluders.occluded(origins, directions))
-        if integrand.falloff == "none":
-            taken = self._occluders.occluded(origins, directions, integrand.max_distance / surface.unit).astype(float)
-        else:
-            taken = integrand.occlusion(self._occluders.distances(origins, directions) * surface.unit)
-        if below.any():
-            up = np.asarray(surface.ground_normal)
-            slopes = np.where(below, np.abs(directions @ up), 1.0)
-            to_ground = np.maximum(origins @ up - surface.ground_height, 0) / slopes
-            taken = np.where(below, np.maximum(taken, integrand.occlusion(to_ground * surface.unit)), taken)
-        return taken
-
-
-def ray_origins(
-    surface: NormalizedSurface, samples: Samples
-) -> tuple[NDArray[np.intp], Float32Array, Float64Array, Float64Array]:
-    """Return which samples have a face, (k,), and of these where rays start, and n and g, (k, 3) each."""
-    with_face = np.flatnonzero(samples.faces >= 0)
-    points, normals, geometric = surface.interpolate(samples.faces[with_face], samples.weights[with_face])
-    return with_face, (points + RAY_OFFSET * geometric).astype(np.float32), normals, geometric
-
-
-class RayTester:
-    """A VisibilityTester that casts a ray from every sample along every direction in front of it, one at a time."""
-
-    def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
-        """Build the occluders. Raises RendererError where embreex is not installed."""
-        self._surface, self._integrand = surface, integrand
-        self._rays = RayOcclusion(surface, integrand, threads)
-
-    def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
-        """Return the visibility sums of the samples, see VisibilityTester."""
-        with_face, origins, normals, geometric = ray_origins(self._surface, samples)
-        found = np.zeros((len(with_face), self._integrand.columns))
-        radiance = np.stack([self._integrand.radiance(sign * axes) for sign in _SIGNS], axis=1).tolist()
-        for axis, lights in zip(axes, radiance, strict=True):
-            g_dot_axis, n_dot_axis = geometric @ axis, normals @ axis
-            for sign, light in zip(_SIGNS, lights, strict=True):
-                weights = light * self._integrand.weights(sign * n_dot_axis)
-                in_front = np.flatnonzero((sign * g_dot_axis > 0) & (weights > 0))
-                taken = self._rays.occlusion(origins[in_front], (sign * axis)[None].astype(np.float32))
-                visible = weights[in_front] * (1 - taken)
-                found[in_front, 0] += visible
-                found[in_front, 1] += weights[in_front]
-                if self._integrand.vectors:
-                    found[in_front, 2:] += visible[:, None] * (sign * axis)
-                progress.advance()
-        sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
-        sums[with_face] = found
-        return sums
 
 
 def cast_depths(occluders: Float32Array, projection: Projections, size: int, threads: int = 0) -> Float32Array:
