@@ -118,6 +118,14 @@ def test_a_preview_with_a_strength_is_that_of_the_weakened_picture(bakes, tmp_pa
     assert np.abs(drawn - weakened).max() <= 2
 
 
+def test_the_preview_of_a_bake_shows_what_its_gltf_does(bakes, tmp_path):
+    drawn = {strength: result.preview(DRAWN).astype(int) for strength, result in bakes.items()}
+    for strength, result in bakes.items():
+        written = ao.preview(result.save(tmp_path / f"{strength}.glb").mesh, DRAWN).image
+        assert np.abs(drawn[strength] - written).max() <= 2
+    assert drawn[0].mean() > drawn[0.4].mean() + 1 > drawn[1].mean() + 2
+
+
 def test_verify_measures_the_picture_and_notes_it(bakes, tmp_path):
     how = ao.VerifyOptions(points=300, rays=64, threads=1)
     weak, plain = (ao.verify(bakes[s].save(tmp_path / f"{s}.glb").mesh, options=how) for s in (0.4, 1))

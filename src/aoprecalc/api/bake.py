@@ -144,7 +144,7 @@ class BakeResult:
         return self._bake.whole
 
     def preview(self, options: PreviewOptions | None = None) -> Picture:
-        """Draw the mesh with its texture.
+        """Draw the mesh with its texture, in the strength of the bake's options, as viewers show a glTF of it.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class BakeResult:
         """
         from aoprecalc.api.preview import preview_of_bake
 
-        return preview_of_bake(self._baked, options)
+        return preview_of_bake(self._baked, self._options.strength, options)
 
     @cached_property
     def _shown(self) -> bytes | None:

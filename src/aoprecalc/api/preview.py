@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.documents import Document, Report
@@ -217,13 +218,16 @@ def _preview(
     return result
 
 
-def preview_of_bake(baked: Baked, options: PreviewOptions | None) -> Picture:
-    """Return the picture of a bake, (height, width, 3) uint8; see `preview`."""
+def preview_of_bake(baked: Baked, strength: float, options: PreviewOptions | None) -> Picture:
+    """Return the picture of a bake, (height, width, 3) uint8, as a glTF with this strength of occlusion shows it."""
     options = given_or_default(options, PreviewOptions)
     if options.pose is not None:
         scene = standing(baked.scene, options.pose, baked.options)
         baked = replace(baked, scene=scene, normals=shading_normals(scene, "file"))
     found = mesh_to_draw(baked, colors=options.shading == "material")
+    if strength != 1:
+        strengths = np.full(len(found.mesh.scene.faces), strength, np.float32)
+        found = replace(found, mesh=replace(found.mesh, strengths=strengths))
     return _draw(found, options, None, StageTimer(Progress())).image
 
 
