@@ -5,7 +5,7 @@ which light comes, and (AO, C) are its visibility in spherical harmonics of degr
 the scene, in those of its parts, or tangent to the surface.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -21,6 +21,7 @@ from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Int32Array, S
 
 _CLOSED = 1e-4  # length of a visibility vector up to which nothing is visible: the rest of the fit of the texture
 _FLAT = 1e-6  # volume of a basis of unit vectors up to which it has none
+_AT_ONCE = 1 << 14  # texels whose vectors are turned at a time: they stay in the processor's cache
 _REACH = 3  # texels from the surface: look-ups on it read no farther ones
 
 
@@ -35,8 +36,8 @@ def bent_normals(baked: Baked, options: BakeOptions, space: BentSpace = "world")
     closed = texture.known & (np.einsum("hwx,hwx->hw", vectors, vectors) <= _CLOSED**2)
     surface = TexelSurface.of(baked) if space != "world" or closed.any() else None
     if surface is not None:
-        of_closed = closed.ravel()[surface.index]
-        vectors.reshape(-1, 3)[surface.index[of_closed]] = surface.normals()[of_closed]
+        of_closed = surface.select(closed.ravel()[surface.index])
+        vectors.reshape(-1, 3)[of_closed.index] = of_closed.normals()
     return normalize(_finished(baked, vectors, options, space, surface)).astype(np.float32)
 
 
@@ -139,11 +140,16 @@ class TexelSurface:
         chosen = nearest.ravel()[index]
         return cls(index, Samples(samples.faces[chosen], samples.weights[chosen]), baked)
 
+    def select(self, rows: slice | BoolArray) -> Self:
+        """Return it for some of its texels."""
+        return replace(
+            self, index=self.index[rows], samples=Samples(self.samples.faces[rows], self.samples.weights[rows])
+        )
+
     def interpolated(self, corners: Float32Array) -> Float32Array:
-        """Return vectors at the corners of faces, (f, 3, 3), at the texels, (k, 3), normalised."""
-        faces, weights = self.samples.faces, self.samples.weights
-        vectors = sum(weights[:, corner, None] * corners[faces, corner] for corner in range(3))
-        return normalize(np.asarray(vectors)).astype(np.float32)
+        """Return vectors at the corners of faces, (f, 3, ..., 3), at the texels, (k, ..., 3), normalised."""
+        vectors = np.einsum("kc,kc...->k...", self.samples.weights, corners[self.samples.faces])
+        return normalize(vectors).astype(np.float32, copy=False)
 
     def normals(self) -> Float32Array:
         """Return the shading normals at the texels, (k, 3) unit vectors."""
@@ -153,11 +159,14 @@ class TexelSurface:
         """Return an image of vectors in the space of the scene, (height, width, 3), in another; their lengths stay."""
         if space == "world":
             return vectors
+        bases = _corner_bases(self.baked) if space == "tangent" else None
         flat = vectors.reshape(-1, 3)
-        before = flat[self.index]
-        after = self._in_parts(before) if space == "object" else self._tangential(before)
         turned: Float32Array = np.zeros_like(flat)
-        turned[self.index] = normalize(after) * np.linalg.norm(before, axis=1, keepdims=True)
+        for start in range(0, len(self.index), _AT_ONCE):
+            some = self.select(slice(start, start + _AT_ONCE))
+            before = flat[some.index]
+            after = some._in_parts(before) if bases is None else some._tangential(before, bases)
+            turned[some.index] = normalize(after) * np.linalg.norm(before, axis=1, keepdims=True)
         return turned.reshape(vectors.shape)
 
     def _in_parts(self, vectors: Float32Array) -> Float32Array:
@@ -173,18 +182,34 @@ class TexelSurface:
                 result[own] = np.einsum("kc,kx,kcxy->ky", weights[own], vectors[own], at_corners)
         return result
 
-    def _tangential(self, vectors: Float32Array) -> Float32Array:
+    def _tangential(self, vectors: Float32Array, bases: Float32Array) -> Float32Array:
         """Return the coordinates of vectors in the basis that viewers such as three.js use.
 
         Its columns are tangent, bitangent and normal, each interpolated between the corners and then normalised.
+        bases   (f, 3, 3, 3): see `_corner_bases`
         """
-        baked = self.baked
-        tangents = scene_tangents(baked.scene, baked.atlas, baked.normals)
-        across = (np.cross(baked.normals, tangents[..., :3]) * tangents[..., 3:]).astype(np.float32)
-        tangent, bitangent, normal = (self.interpolated(each) for each in (tangents[..., :3], across, baked.normals))
-        rows = np.cross(bitangent, normal), np.cross(normal, tangent), np.cross(tangent, bitangent)
-        volume = np.einsum("kx,kx->k", tangent, rows[0])
+        tangent, bitangent, normal = self.interpolated(bases).transpose(1, 2, 0)
+        rows = _cross(bitangent, normal), _cross(normal, tangent), _cross(tangent, bitangent)
+        volume = _dot(tangent, rows[0])
         flat = np.abs(volume) < _FLAT  # opposite tangents cancel: no viewer has a basis there
-        along = np.stack([np.einsum("kx,kx->k", row, vectors) for row in rows], axis=1)
+        along = np.stack([_dot(row, vectors.T) for row in rows], axis=1) / np.where(flat, 1, volume)[:, None]
         along[flat] = 0, 0, 1
-        return (along / np.where(flat, 1, volume)[:, None]).astype(np.float32)
+        return along.astype(np.float32, copy=False)
+
+
+def _corner_bases(baked: Baked) -> Float32Array:
+    """Return tangent, bitangent and normal at the corners of faces, (f, 3, 3, 3) float32."""
+    normals, tangents = baked.normals, scene_tangents(baked.scene, baked.atlas, baked.normals)
+    bitangents = (np.cross(normals, tangents[..., :3]) * tangents[..., 3:]).astype(np.float32)
+    return np.stack([tangents[..., :3], bitangents, normals], axis=2)
+
+
+def _cross(u: Float32Array, v: Float32Array) -> Float32Array:
+    """Return the cross products of vectors, (3, k)."""
+    return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+
+
+def _dot(u: Float32Array, v: Float32Array) -> Float32Array:
+    """Return the scalar products of vectors, (3, k), as (k,)."""
+    product: Float32Array = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    return product

@@ -77,8 +77,9 @@ class LeastSquaresImage:
                 self._offset = offset
                 self._at_offset = np.zeros((1 + self.channels, *self._shape), np.float32)
             is_at, texel = self._find_at_offset(offset, positions)
-            for image, factors in zip(self._at_offset, (1.0, *values.T), strict=True):
-                np.add.at(image.reshape(-1), texel[is_at], (weights * factors)[is_at].astype(np.float32))
+            texel, weights_at = texel[is_at], weights[is_at]
+            for image, factors in zip(self._at_offset, (1.0, *values[is_at].T), strict=True):
+                np.add.at(image.reshape(-1), texel, (weights_at * factors).astype(np.float32))
             positions, values, weights = positions[~is_at], values[~is_at], weights[~is_at]
         self._add_each(positions, values, weights)
 

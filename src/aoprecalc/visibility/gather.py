@@ -286,6 +286,7 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
             error = sampling_error(halves, used, integrand, options.sampling)
         if error is not None and options.target_error is not None and error <= options.target_error:
             break
-    found, measured = integrand.estimates(halves.sum(axis=0), sum(used))
+    halves[0] += halves[1]
+    found, measured = integrand.estimates(halves[0], sum(used))
     values, vectors = np.clip(found[:, 0], 0.0, 1.0), found[:, 1:] if integrand.vectors else None
     return TexelOcclusion(texels, values, measured, reconstruction, sum(used), error, vectors)

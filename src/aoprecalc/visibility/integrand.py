@@ -100,10 +100,14 @@ class Integrand:
         (k, 1) or (k, 4) float32: the ambient occlusion first
         """
         total = sums[:, 1]
-        measured, visible = total > 0, np.delete(sums, 1, axis=1)
-        if self.estimator == "mean":
-            return visible * np.float32(1 / (self.mean_weight * directions)), measured
-        return np.divide(visible, total[:, None], out=np.zeros_like(visible), where=measured[:, None]), measured
+        measured = total > 0
+        values: Float32Array = np.zeros((len(sums), sums.shape[1] - 1), np.float32)
+        for column, visible in enumerate((sums[:, 0], *sums[:, 2:].T)):  # no copy: these are the largest arrays
+            if self.estimator == "mean":
+                np.multiply(visible, np.float32(1 / (self.mean_weight * directions)), out=values[:, column])
+            else:
+                np.divide(visible, total, out=values[:, column], where=measured)
+        return values, measured
 
 
 def sampling_error(
