@@ -12,6 +12,8 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.types import REVERSED_WINDING
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.integrand import Integrand
+from gltf_kit.gltf_animated import flat_primitive, open_box, turn
+from gltf_kit.gltf_maker import GltfMaker
 from shapes import ball, box, join, quad, quad_uvs, rotation, scene, scene_of_parts, spun, triangle_a_cell
 
 BACKENDS = ["gl", "ray"]
@@ -194,6 +196,35 @@ def test_instances_that_share_texels_see_as_the_first_does(turn):
     _, shared, _ = baked(made, instances="share", **settings)
     _, alone, _ = baked(made, exclude=("part 1",), **settings)
     assert np.sqrt(((shared - alone) ** 2).mean()) < 0.015
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_in_object_space_those_of_a_skin_are_as_its_vertices_are_stored(tmp_path, backend):
+    """Two open boxes far apart, each on a joint that stands turned at rest: each sees as much as unturned."""
+    first, other = open_box()[0], open_box()[0]
+    boxes = join(first, (np.asarray(other[0]) + (300, 0, 0), other[1]))
+    uvs = triangle_a_cell(len(boxes[1]))
+
+    def found(folder, *turns):
+        folder.mkdir()
+        maker = GltfMaker(folder)
+        primitive = flat_primitive(maker, boxes, uvs)
+        if turns:
+            joints, weights = np.zeros((3 * len(uvs), 4), "<u1"), np.zeros((3 * len(uvs), 4), "<f4")
+            joints[len(joints) // 2 :, 0], weights[:, 0] = 1, 1
+            primitive["attributes"] |= {"JOINTS_0": maker.vertices(joints), "WEIGHTS_0": maker.vertices(weights)}
+            maker.add("skins", {"joints": [maker.node(rotation=one) for one in turns]})
+        maker.node(mesh=maker.mesh(primitive), **({"skin": 0} if turns else {}))
+        options = BakeOptions(size=64, directions=1024, unwrap="keep", backend=backend, bent_normals=True)
+        bake = bake_scene(maker.load(), options)
+        return bake.texture.known, *(bent_normals(bake, options, space) for space in ("object", "world"))
+
+    known, stored, _ = found(tmp_path / "plain")
+    of_skin, in_object, in_world = found(tmp_path / "skin", turn((0.6, 0, 0.8), 70), turn((0, 1, 0), -120))
+    both = known & of_skin
+    assert both.sum() > 1000
+    assert np.median(degrees(in_object, stored)[both]) < 2
+    assert np.median(degrees(in_world, stored)[both]) > 20
 
 
 def test_padding_repeats_the_nearest_texel():
