@@ -159,6 +159,23 @@ def test_the_last_packing_ends_at_the_time_limit_and_where_a_step_raises(monkeyp
         unwrap(made, "xatlas", PageSpec(64, 2), on_step=stop)
 
 
+@pytest.mark.parametrize(
+    ("packings", "advice"), [(0, "use a lower one"), (1, r"use \d+(\.\d+)?"), (9, r"use .*, or a size of \d+")]
+)
+def test_the_advice_of_a_refusal_is_what_the_time_limit_leaves(monkeypatch, packings, advice):
+    place, calls = fill.pack_charts, []
+
+    def until_late(*arguments, tick, **more):
+        calls.append(tick)
+        if len(calls) > 1 + packings:  # the first one is the packing that is refused
+            monkeypatch.setattr(subprocesses, "time", SimpleNamespace(monotonic=lambda: 1e12))
+        return place(*arguments, tick=tick, **more)
+
+    monkeypatch.setattr(fill, "pack_charts", until_late)
+    message = refused(scene(*box()), size=64, texel_density=100, unwrap_timeout=60)
+    assert re.fullmatch(rf"texel_density is 100, for which 64 x 64 texels have no room; {advice}", message)
+
+
 def test_a_page_without_room_for_all_charts_is_refused_in_plain_words():
     many = join(*(quad((3 * number, 0, 0), (1, 0, 0), (0, 1, 0)) for number in range(200)))
     made = scene(*many)

@@ -1,6 +1,7 @@
 """How charts fill their page: in the scales that they need, as large as there is room for, or at a given density."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.raster.layout import corner_ids, doubled_uv_areas
+from aoprecalc.subprocesses import ChildTimeoutError
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Int32Array, Scene
 from aoprecalc.uv.charts import Charts, sum_over_charts
 from aoprecalc.uv.pack import NoRoomError, Packed, pack_charts
@@ -106,36 +108,44 @@ def _at_density(
     try:
         return pack_charts(charts, page.size, page.padding, density, tick=tick)
     except NoRoomError as error:
-        raise TooDenseError(charts, page) from error
+        raise TooDenseError(charts, page, tick) from error
 
 
 class TooDenseError(Exception):
     """A page has no room for charts, in units of length, of its density."""
 
-    def __init__(self, charts: Charts, page: PageSpec) -> None:
-        """Keep what does not fit."""
+    def __init__(self, charts: Charts, page: PageSpec, tick: Tick | None) -> None:
+        """Keep what does not fit; for `tick` see `pack_charts`."""
         super().__init__(charts, page)
-        self._charts, self._page = charts, page
+        self._charts, self._page, self._tick = charts, page, tick
 
     def advice(self) -> ArgumentError:
-        """Return the error that names the density that fits the page, and the size of a page that this one fits."""
-        charts, page = self._charts, self._page
-        assert page.density is not None
-        try:
-            fits = pack_charts(charts, page.size, page.padding).density
-            advice = [f"use {rounded_down(fits)}"]
-        except NoRoomError:
-            fits, advice = page.density / 2, []
-        size = next_power_of_two(max(page.size + 1, page.size * min(page.density / fits, LARGEST_PAGE)))
-        while size <= LARGEST_PAGE:
-            try:
-                pack_charts(charts, size, page.padding, page.density)
-                advice.append(f"a {{size}} of {size}")
-                break
-            except NoRoomError:
-                size *= 2
+        """Return the error that names the density that fits the page, and the size of a page that this one fits.
+
+        What is not found before the time to unwrap ends is left out.
+        """
+        page, advice = self._page, list[str]()
+        with suppress(ChildTimeoutError):
+            for line in self._possible():
+                advice.append(line)
         found = f"is {page.density:g}, for which {page.size} x {page.size} texels have no room"
         return ArgumentError("texel_density", f"{found}; {', or '.join(advice) or 'use a lower one'}", "size")
+
+    def _possible(self) -> Iterator[str]:
+        """Find the density that fits the page, then the size; raises what `tick` raises."""
+        charts, page, tick = self._charts, self._page, self._tick
+        assert page.density is not None
+        fits = page.density / 2
+        with suppress(NoRoomError):
+            fits = pack_charts(charts, page.size, page.padding, tick=tick).density
+            yield f"use {rounded_down(fits)}"
+        size = next_power_of_two(max(page.size + 1, page.size * min(page.density / fits, LARGEST_PAGE)))
+        while size <= LARGEST_PAGE:
+            with suppress(NoRoomError):
+                pack_charts(charts, size, page.padding, page.density, tick=tick)
+                yield f"a {{size}} of {size}"
+                return
+            size *= 2
 
 
 def next_power_of_two(number: float) -> int:
