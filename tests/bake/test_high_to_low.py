@@ -143,10 +143,15 @@ def test_misses_are_counted_named_and_filled_from_around():
     assert rms(result.ao, complete.ao) < 0.03
 
 
-def test_details_that_no_texel_meets_are_an_error_about_the_cage():
-    far = ao.Mesh(plane()[0] + (0, 0, 3), plane()[1])
-    with pytest.raises(InputError, match=r"none of \d+ texels meets the detailed surface; use a greater cage"):
-        ao.bake(flat(), BakeOptions(cage=0.05, **QUICK), high=[far])
+def test_details_that_no_texel_meets_are_an_error_that_says_why():
+    options, none = BakeOptions(cage=0.05, **QUICK), r"none of \d+ texels meets the detailed surface"
+    corners, faces = plane()
+    with pytest.raises(InputError, match=f"{none}; use a greater cage"):
+        ao.bake(flat(), options, high=[ao.Mesh(corners + (0, 0, 1), faces)])
+    with pytest.raises(InputError, match=f"{none}, which is 30 away from the mesh; put both in the same place"):
+        ao.bake(flat(), options, high=[ao.Mesh(corners + (0, 0, 30), faces)])
+    with pytest.raises(InputError, match=f"{none}: the diagonal of .* is .*, that of the details .*; give them the"):
+        ao.bake(flat(), options, high=[ao.Mesh(100 * corners + (0, 0, 1), faces)])
 
 
 def files(folder):

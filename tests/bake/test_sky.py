@@ -197,5 +197,6 @@ def test_the_command_line_takes_a_word_or_a_file(tmp_path):
         done = run(tmp_path, "bake", "b.obj", "--sky", sky, "--size", 64, "-n", 64, "--json", "-q")
         means.add(json.loads(done.stdout)["ao"]["mean"])
     assert len(means) == 3
-    done = run(tmp_path, "bake", "b.obj", "--sky", "over", "--size", 64, "-n", 64)
-    assert (done.returncode, len(done.stderr.splitlines())) == (4, 1)
+    for wrong, code in (("over", 2), ("gone.hdr", 4)):
+        done = run(tmp_path, "bake", "b.obj", "--sky", wrong, "--size", 64, "-n", 64)
+        assert (done.returncode, len(done.stderr.splitlines())) == (code, 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from aoprecalc.api.bake_messages import describe_uvs, ground_alone, messages_on
 from aoprecalc.api.documents import RayTracedErrors
-from aoprecalc.api.high_to_low import high_to_low, messages_on_misses, missed_texels, with_detail
+from aoprecalc.api.high_to_low import high_to_low, messages_on_misses, missed_texels, nothing_met, with_detail
 from aoprecalc.api.mesh import with_poses
 from aoprecalc.api.reports import (
     BakeOutputs,
@@ -140,10 +140,7 @@ def bake_scene(
         backend.check_errors()
     if not any(side.measured.any() for side in sides):
         if detail is not None:
-            raise InputError(
-                f"{scene.path}: none of {counted(len(texels), 'texel')} meets the detailed surface; use a greater "
-                "--cage, or --match nothing where names keep parts apart"
-            )
+            raise InputError(nothing_met(scene, detail, len(texels)))
         raise UsageError(
             f"{counted(len(texels), 'texel')} covered, but facing none of {2 * len(setup.axes)} directions; "
             "use more --directions"

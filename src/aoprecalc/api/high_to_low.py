@@ -35,6 +35,7 @@ from aoprecalc.visibility.setup import BakeSetup
 
 _MANY_MISSES = 0.01  # of the texels: a warning where more are not on the detailed surface
 _MIN_SHARE = 0.01  # of its texels: a part of which fewer are not there is not named
+_OTHER_SCALE = 8.0  # of one diagonal over another, from which units differ: feet and inches differ by 12
 _EVERYTHING = "every part meets all of the detailed surface"
 
 
@@ -168,6 +169,20 @@ def messages_on_misses(setup: BakeSetup, missed: Texels) -> list[str]:
     parts = f" ({named})" if len(scene.parts) > 1 and named else ""
     advice = "use a greater --cage, or --match nothing where names keep them apart"
     return [f"{found}{parts}; {advice}"]
+
+
+def nothing_met(scene: Scene, detail: Detail, texels: int) -> str:
+    """Say that none of the texels of a mesh meets its detailed surface, why where that is plain, and what to do."""
+    low, high = (np.array([own.positions.min(axis=0), own.positions.max(axis=0)]) for own in (scene, detail.scene))
+    sizes = [float(np.linalg.norm(box[1] - box[0])) for box in (low, high)]
+    found = f"{scene.path}: none of {counted(texels, 'texel')} meets the detailed surface"
+    if max(sizes) > _OTHER_SCALE * min(sizes):
+        size, other = (f"{length:.3g}" for length in sizes)
+        return f"{found}: the diagonal of the mesh is {size}, that of the details {other}; give them the same units"
+    gap = float(np.linalg.norm(np.maximum(np.maximum(high[0] - low[1], low[0] - high[1]), 0)))
+    if gap > max(sizes):
+        return f"{found}, which is {gap:.3g} away from the mesh; put both in the same place"
+    return f"{found}; use a greater --cage, or --match nothing where names keep parts apart"
 
 
 def messages_on_missed_points(errors: TextureErrors) -> list[Note]:

@@ -6,6 +6,7 @@ Validation, the options of the command line, the tables of manifests, the comman
 all derived from that field. Standard library only, so that `--help` is instant.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, replace
 from functools import cache
@@ -209,7 +210,7 @@ class OptionField:
         if self.takes_distance and _is_distance(value):
             return read_distance(value)
         if self.kind == "file":
-            return _path(value)
+            return value if value in self.option.keywords else _path(value, extension=bool(self.option.keywords))
         if self.kind == "files":
             return tuple(map(_path, (value,) if isinstance(value, str | PathLike) else value))
         if self.kind == "integers":
@@ -257,12 +258,15 @@ def _is_distance(value: Any) -> bool:
     return True
 
 
-def _path(value: Any) -> str:
-    """Return a path as text; raises TypeError or ValueError."""
+def _path(value: Any, *, extension: bool = False) -> str:
+    """Return a path as text, with an extension where that tells it from a mistyped keyword or length.
+
+    Raises TypeError or ValueError.
+    """
     path = fspath(value)
     if not isinstance(path, str):
         raise TypeError
-    if not path:
+    if not path or (extension and not re.search(r"\.\w*[a-z]\w*$", path, re.IGNORECASE)):
         raise ValueError
     return path
 

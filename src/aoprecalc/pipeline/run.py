@@ -244,7 +244,7 @@ def run_batch(
 def _fell_to_rays(result: AssetResult) -> bool:
     """Tell whether an asset has just been baked by rays although that is slower and nobody asked for it."""
     bake, summary = result.asset.spec.bake, result.summary or {}
-    is_free = bake is not None and bake.backend == "auto"
+    is_free = bake is not None and bake.backend == "auto" and bake.max_distance is None
     return is_free and result.status == "made" and summary.get("renderer") == RayBackend.name
 
 
