@@ -1,11 +1,13 @@
 """Embree's C interface: the library that embreex carries, for packets of rays, which embreex itself does not cast.
 
-The names and numbers are those of Embree 4 (rtcore.h).
+The names and numbers are those of Embree 4, rtcore.h (I. Wald et al., "Embree: A Kernel Framework for Efficient CPU Ray
+Tracing", 2014).
 """
 
 import ctypes
 from functools import cache
 from importlib import import_module, metadata
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "rtcReleaseScene": (None, [_POINTER]),
     "rtcReleaseDevice": (None, [_POINTER]),
     "rtcGetDeviceError": (ctypes.c_int, [_POINTER]),
+    "rtcOccluded16": (None, [_POINTER] * 4),
 }
 
 
@@ -53,7 +56,6 @@ def library() -> ctypes.CDLL | None:
                 for name, (result, arguments) in _SIGNATURES.items():
                     function = getattr(found, name)
                     function.restype, function.argtypes = result, arguments
-                found.rtcOccluded16  # noqa: B018
             except (OSError, AttributeError):
                 return None
             return found
@@ -83,28 +85,30 @@ class OcclusionScene:
         embree = library()
         if embree is None:
             raise RendererError("embreex carries no library of Embree 4; install it again: `pip install embreex`")
-        self._embree, self.triangles = embree, len(corners)
+        self.triangles = len(corners)
         self.occluded16: int = ctypes.cast(embree.rtcOccluded16, _POINTER).value or 0
         # Embree reads both as long as the scene lives.
         self._vertices = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
         self._indices = np.arange(len(self._vertices), dtype=np.uint32).reshape(-1, 3)
-        self._device = embree.rtcNewDevice(None)
-        geometry = embree.rtcNewGeometry(self._device, _TRIANGLES)
+        device = embree.rtcNewDevice(None)
+        geometry = embree.rtcNewGeometry(device, _TRIANGLES)
         for kind, layout, values in ((_VERTEX, _FLOAT3, self._vertices), (_INDEX, _UINT3, self._indices)):
             embree.rtcSetSharedGeometryBuffer(geometry, kind, 0, layout, values.ctypes.data, 0, 12, len(values))
         embree.rtcCommitGeometry(geometry)
-        self.scene = embree.rtcNewScene(self._device)
+        self.scene = embree.rtcNewScene(device)
+        finalize(self, _release, embree, self.scene, device)
         embree.rtcSetSceneBuildQuality(self.scene, _HIGH_QUALITY)
         embree.rtcAttachGeometry(self.scene, geometry)
         embree.rtcReleaseGeometry(geometry)
         embree.rtcCommitScene(self.scene)
-        error = embree.rtcGetDeviceError(self._device)
+        error = embree.rtcGetDeviceError(device)
         if error:
             raise RendererError(f"Embree cannot build a scene of {len(corners)} triangles (error {error})")
 
-    def __del__(self) -> None:
-        self._embree.rtcReleaseScene(self.scene)
-        self._embree.rtcReleaseDevice(self._device)
+
+def _release(embree: ctypes.CDLL, scene: int, device: int) -> None:
+    embree.rtcReleaseScene(scene)
+    embree.rtcReleaseDevice(device)
 
 
 def occluded_arguments(*, coherent: bool) -> NDArray[np.uint64]:
