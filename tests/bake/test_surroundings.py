@@ -6,7 +6,7 @@ import trimesh
 
 import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
-from aoprecalc.errors import InputError
+from aoprecalc.errors import InputError, option_name
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions, VerifyOptions
 from pipeline.helpers import run
@@ -95,7 +95,7 @@ def test_a_file_of_that_name_in_the_present_folder_is_another(tmp_path, monkeypa
     few = {"points": 200, "rays": 64}
     ao.verify(made, options=VerifyOptions(**few))
     (tmp_path / "out" / "roof.obj").unlink()
-    with pytest.raises(InputError, match=r"was baked with roof.obj, which is not in the folder"):
+    with pytest.raises(InputError, match=r"was baked with occluder roof.obj, which is not in the folder"):
         ao.verify(made, options=VerifyOptions(**few))
 
 
@@ -125,13 +125,34 @@ def test_verify_finds_the_surroundings_beside_the_mesh(tmp_path):
     mesh, roof = saved(tmp_path, "b.obj", box()), saved(tmp_path, "roof.obj", quad((-5, -5, 2), (10, 0, 0), (0, 10, 0)))
     made = ao.bake(mesh, BakeOptions(size=128, directions=256, occluder=roof)).save(f"{tmp_path}/out/").mesh
     few = {"points": 500, "rays": 256}
-    with pytest.raises(InputError, match=r"b_ao.png: was baked with roof.obj, which is not in the folder .* occluder"):
+    with pytest.raises(InputError, match=r"was baked with occluder roof.obj, .* give the option with its path"):
         ao.verify(made, options=VerifyOptions(**few))
     given = ao.verify(made, options=VerifyOptions(occluder=roof, **few))
     (tmp_path / "out" / "roof.obj").write_bytes(roof.read_bytes())
     found = ao.verify(made, options=VerifyOptions(**few))
     assert found.error == given.error < 0.04
     assert ao.verify(made, options=VerifyOptions(occluder=(), **few)).error > 0.1
+
+
+def test_verify_names_all_files_that_are_not_beside_the_mesh(tmp_path):
+    (tmp_path / "out").mkdir()
+    plate, positions = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 4), quad((-1, -1, 0.01), (2, 0, 0), (0, 2, 0), 4)
+    low, cage = (saved(tmp_path, f"{name}.obj", shape) for name, shape in (("low", plate), ("cage", positions)))
+    high = saved(tmp_path, "high.obj", quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)))
+    walls = [saved(tmp_path, f"{name}.obj", quad((x, -1, 0), (0, 2, 0), (0, 0, 2))) for name, x in (("a", 2), ("b", 3))]
+    done = ao.bake(low, BakeOptions(high=high, cage=cage, occluder=walls, **QUICK)).save(f"{tmp_path}/out/")
+    few = {"points": 200, "rays": 64}
+    with pytest.raises(InputError) as raised:
+        ao.verify(done.mesh, options=VerifyOptions(**few))
+    assert raised.value.worded(option_name) == (
+        f"{done.texture}: was baked with --occluder a.obj, --occluder b.obj, --high high.obj, --cage cage.obj, which "
+        f"are not in the folder of {done.mesh}; give the options with the paths of all 4 files"
+    )
+    (tmp_path / "out" / "a.obj").write_bytes(walls[0].read_bytes())  # --occluder takes both of its files even then
+    with pytest.raises(InputError, match=r"occluder b.obj, which is not .* give the option with the paths of all 2"):
+        ao.verify(done.mesh, options=VerifyOptions(high=high, cage=cage, **few))
+    given = VerifyOptions(high=high, cage=cage, occluder=walls, **few)
+    assert ao.verify(done.mesh, options=given).options.cage == str(cage)
 
 
 def test_axes_that_differ_are_a_warning(tmp_path):

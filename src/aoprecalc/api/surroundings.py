@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aoprecalc.errors import InputError, counted, option_name
+from aoprecalc.errors import InputError, counted, listed, one_or_many, option_name
 from aoprecalc.io import load_scene
 from aoprecalc.io.images import read_pixels
 from aoprecalc.mesh.opaque_triangles import opaque_pieces
@@ -102,18 +102,22 @@ def files_beside(options: ValueOptions, given: VerifyOptions, scene: Scene, text
     given     options that were given instead, with paths
     texture   its name, for messages
 
-    Raises InputError where a file is not there, and where several have one name.
+    Raises InputError that names all files that are not there, and where several have one name.
     """
     own = {name: getattr(options, name) for name in named_files(options) if getattr(given, name) is not None}
     found = replace(with_files(options, lambda name: str(scene.path.parent / name)), **own)
+    missing, options_of_it, files = list[str](), 0, 0
     for option, paths in named_files(found).items():
         if option in own:
             continue
         names, advice = [Path(path).name for path in paths], f"give the paths with {option_name(option)}"
         if len(set(names)) < len(names):
             raise InputError(f"{texture}: was baked with several files named {max(names, key=names.count)}; {advice}")
-        for path in paths:
-            if not Path(path).is_file():
-                missing = f"was baked with {Path(path).name}, which is not in the folder of {scene.path}"
-                raise InputError(f"{texture}: {missing}; {advice}")
+        if lost := [f"{option_name(option)} {Path(path).name}" for path in paths if not Path(path).is_file()]:
+            missing, options_of_it, files = [*missing, *lost], options_of_it + 1, files + len(paths)
+    if missing:
+        are = f"which {one_or_many(len(missing), 'is', 'are')} not in the folder of {scene.path}"
+        which = one_or_many(files, "its path", f"the paths of all {files} files")
+        advice = f"give the {one_or_many(options_of_it, 'option', 'options')} with {which}"
+        raise InputError(f"{texture}: was baked with {listed(missing)}, {are}; {advice}")
     return found
