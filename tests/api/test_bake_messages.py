@@ -8,6 +8,7 @@ import pytest
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.surface import share_at_bends
 from aoprecalc.options import BakeOptions
+from aoprecalc.types import Material
 from shapes import ball, bowl, box, city, join, quad, scene, scene_of_parts, torus
 
 STOOL = join(box((-1, -1, 1), (1, 1, 1.3)), box((-0.4, -0.4, 0), (0.4, 0.4, 1)))
@@ -89,3 +90,28 @@ def test_parts_of_one_name_are_named_once():
     made = replace(made, parts=tuple(replace(part, name=name) for part, name in zip(made.parts, names, strict=True)))
     (line,) = [line for line in bake(made, normals="flat").notes if "dark" in line]
     assert "('shelf', 2 times: 100%)" in line
+
+
+def warnings_on_backs(made, **options):
+    return [line for line in bake(made, two_sided=True, backfaces="ignore", **options).warnings if "backs" in line]
+
+
+def test_two_sides_of_a_closed_surface_without_backs_are_told():
+    (line,) = warnings_on_backs(scene_of_parts(STOOL, quad((9, 0, 0), (1, 0, 0), (0, 1, 0))))
+    area, sheet = 2 * 4 + 8 * 0.3 + 2 * 0.64 + 4 * 0.8, 1  # the seat and the leg are boxes
+    assert line.startswith(f"{area / (area + sheet):.0%} of the surface is closed and too light")
+    assert not warnings_on_backs(scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0))))
+    (part,) = scene_of_parts(STOOL).parts
+    double = replace(scene(*STOOL), parts=(replace(part, material=Material(double_sided=True)),))
+    assert not warnings_on_backs(double)  # whose faces occlude from both sides
+    assert not [line for line in bake(scene(*STOOL), two_sided=True).warnings if "backs" in line]
+
+
+def test_the_inner_side_of_a_bowl_is_light_through_backs():
+    """What the warning says: alone, either option keeps the shadow inside the bowl."""
+    means = [
+        float((texture := bake(scene(*bowl()), size=128, **options).texture).values[texture.valid].mean())
+        for options in ({}, {"two_sided": True}, {"backfaces": "ignore"}, {"two_sided": True, "backfaces": "ignore"})
+    ]
+    assert means[:3] == pytest.approx([means[0]] * 3, abs=0.01)
+    assert means[3] > means[0] + 0.1

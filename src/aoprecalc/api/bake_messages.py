@@ -6,9 +6,10 @@ from typing import TypeVar
 import numpy as np
 
 from aoprecalc.errors import counted, listed, one_or_many
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, default_crease_angle, geometric_normals, share_at_bends
-from aoprecalc.mesh.topology import topology
+from aoprecalc.mesh.topology import closed_faces, topology
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Note
 from aoprecalc.raster.layout import doubled_uv_areas
@@ -52,6 +53,7 @@ def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]
     if baked.directions - 1 == options.directions:
         lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
     lines += _notes_on_normals(scene, options)
+    lines += _warnings_on_backs(scene, options)
     lines += _warn_of_error(baked, options)
     lines += _warnings_on_uvs(scene, atlas, overlap)
     texels = doubled_uv_areas(atlas.uvs) / 2 * atlas.mapped * baked.texture.values.size
@@ -104,6 +106,25 @@ def _notes_on_normals(scene: Scene, options: BakeOptions) -> list[Note]:
             f"degrees, along which {share:.0%} of the surface lies; if these are hard, use --crease-angle {_BEND:g}"
         )
     ]
+
+
+def _warnings_on_backs(scene: Scene, options: BakeOptions) -> list[str]:
+    """Warn that the inner side of a closed surface is the lighter one, where it sees out through backs."""
+    if not options.two_sided or options.backfaces != "ignore":
+        return []
+    detail = detail_of(scene)
+    measured = scene if detail is None else detail.scene
+    single = measured.per_face(
+        part.receives and not (part.material.foliage or part.material.double_sided) for part in measured.parts
+    )
+    if not single.any():
+        return []
+    areas = np.linalg.norm(area_vectors(measured.corners[single]), axis=1)
+    share = float(areas[closed_faces(measured.faces[single])].sum() / max(float(areas.sum()), 1e-30))
+    if share < _MIN_CAUSE:
+        return []
+    light = f"{share:.0%} of the surface is closed and too light: the inner side, which sees out through backs, counts"
+    return [f"{light} with --two-sided and --backfaces ignore; omit one of them"]
 
 
 def _list(parts: list[str]) -> str:

@@ -99,6 +99,15 @@ def edge_ids(corners: Int32Array) -> Int32Array:
     return ids.astype(np.int32).reshape(-1, 3)
 
 
+def closed_faces(corners: Int32Array) -> BoolArray:
+    """Return which of (f, 3) faces belong to a closed piece: every edge of it belongs to exactly two faces."""
+    ids = edge_ids(corners)
+    open_ones = (np.bincount(ids.ravel())[ids] != 2).any(axis=1)
+    piece = face_components(corners)
+    closed: BoolArray = np.bincount(piece[open_ones], minlength=int(piece.max()) + 1)[piece] == 0
+    return closed
+
+
 def boundary_edges(corners: Int32Array) -> BoolArray:
     """Return which edges of (f, 3) vertex indices belong to a single face, (f, 3) bool."""
     ids = edge_ids(corners)
