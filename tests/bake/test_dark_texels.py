@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aoprecalc.api.bake_scene import bake_report, bake_scene
+from aoprecalc.api.bake_report import bake_report
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.reports import BakeOutputs
 from aoprecalc.mesh.surface import face_normals
 from aoprecalc.options import BakeOptions

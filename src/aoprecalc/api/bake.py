@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
-from aoprecalc.api.bake_scene import bake_report
+from aoprecalc.api.bake_report import bake_report
 from aoprecalc.api.bake_textures import BakedTexture, BakedTextures, bake_textures
 from aoprecalc.api.bent_normals import DIRECTIONAL
 from aoprecalc.api.high_to_low import detailed_meshes, names_of
