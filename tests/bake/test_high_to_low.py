@@ -9,20 +9,22 @@ import pytest
 import trimesh
 
 import aoprecalc as ao
-from aoprecalc.api.bake_scene import OpenedBake, bake_scene, prepare_scene
+from aoprecalc.api.bake_scene import bake_prepared
 from aoprecalc.api.high_to_low import with_detail
+from aoprecalc.api.prepared_scene import prepare_bake
 from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.options import BakeOptions, VerifyOptions
-from aoprecalc.progress import Progress
+from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.raster.layout import atlas_from_uvs
 from aoprecalc.render.simplification import simplified
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import AlphaMask, Material
-from aoprecalc.visibility import setup
+from aoprecalc.visibility import plan
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.setup import FIT_CHUNK, BakeInputs, BakeSetup
+from aoprecalc.visibility.plan import FIT_CHUNK
+from aoprecalc.visibility.setup import BakeInputs, BakeSetup
 from bake.test_projection import bumpy, plane
 from shapes import MESHES, box, join, quad, quad_uvs, scene, scene_of_parts
 
@@ -113,9 +115,9 @@ def test_a_plane_is_met_through_the_hole_of_a_masked_sheet_over_it(backend):
     high = replace(high, parts=(replace(first, material=Material(alpha_mask=mask)), second))
     low = scene(*quad((-0.5, -0.5, 0), (1, 0, 0), (0, 1, 0)), SQUARE)
     options = BakeOptions(backend=backend, unwrap="keep", cage=0.1, size=64, directions=2000)
-    prepared, normals = prepare_scene(low, options, [high])
-    with open_backend(options, Progress()) as opened:
-        texture = bake_scene(prepared, options, opened=OpenedBake(opened, normals)).texture
+    prepared, progress = prepare_bake(low, options, [high]), Progress()
+    with open_backend(options, progress) as backend:
+        texture = bake_prepared(prepared, backend, options, progress, StageTimer(progress)).texture
     x = (np.arange(64) + 0.5) / 64 - 0.5
     expected = np.where(x < 0, (1 - x / np.hypot(x, 0.1)) / 2, 1.0)
     assert np.abs(texture.values - expected)[:, np.abs(x) > 0.02].max() < 0.02
@@ -204,7 +206,7 @@ def test_chunks_and_threads_do_not_change_a_byte(monkeypatch):
     options = BakeOptions(backend="ray", unwrap="keep", size=1100, directions=4)
     whole = ao.bake(flat(), options, high=[fine()]).ao
     assert np.array_equal(ao.bake(flat(), replace(options, threads=1), high=[fine()]).ao, whole)
-    monkeypatch.setattr(setup, "_MAX_FIT_CHUNKS", 1)
+    monkeypatch.setattr(plan, "_MAX_FIT_CHUNKS", 1)
     assert whole.size > FIT_CHUNK
     assert np.array_equal(ao.bake(flat(), options, high=[fine()]).ao, whole)
 

@@ -8,37 +8,37 @@ import pytest
 import trimesh
 
 from aoprecalc.errors import UsageError
-from aoprecalc.visibility import setup
-from aoprecalc.visibility.setup import FIT_CHUNK, chunks, texels_per_chunk
+from aoprecalc.visibility import plan
+from aoprecalc.visibility.plan import FIT_CHUNK, chunks, texels_per_chunk
 
 MEGABYTE = 1 << 20
 
 
 def test_a_portion_shrinks_with_the_limit_and_is_made_of_whole_parts(monkeypatch):
-    monkeypatch.setattr(setup, "_resident", lambda: 300 * MEGABYTE)
+    monkeypatch.setattr(plan, "_resident", lambda: 300 * MEGABYTE)
     found = [
-        texels_per_chunk(mb * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+        texels_per_chunk(mb * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 512, 1000)
         for mb in (1615, 1640, 1700, 1800, 9000)
     ]
     assert found == sorted(found)
     assert found[0] == FIT_CHUNK
-    assert found[-1] == texels_per_chunk(None, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+    assert found[-1] == texels_per_chunk(None, "4096 x 4096", 1 << 24, 1 << 24, 512, 1000)
     assert all(texels % FIT_CHUNK == 0 for texels in found)
 
 
 def test_a_limit_that_cannot_be_kept_is_refused(monkeypatch):
-    monkeypatch.setattr(setup, "_resident", lambda: 300 * MEGABYTE)
+    monkeypatch.setattr(plan, "_resident", lambda: 300 * MEGABYTE)
     with pytest.raises(UsageError, match=r"memory_limit is 500M; 4096 x 4096 texels of this mesh need \d+M"):
-        texels_per_chunk(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+        texels_per_chunk(500 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 512, 1000)
 
 
 def test_the_advice_is_what_helps_and_the_limit_is_as_it_was_given(monkeypatch):
     """A smaller texture was advised at 64 x 64 texels, where all the memory is taken before the first texel."""
-    monkeypatch.setattr(setup, "_resident", lambda: 300 * MEGABYTE)
+    monkeypatch.setattr(plan, "_resident", lambda: 300 * MEGABYTE)
     with pytest.raises(UsageError, match=r"need 396M; use a higher limit$"):
-        texels_per_chunk(200 * MEGABYTE, "64 x 64", 1 << 12, 1 << 12, 1 << 20, 1000)
+        texels_per_chunk(200 * MEGABYTE, "64 x 64", 1 << 12, 1 << 12, 512, 1000)
     with pytest.raises(UsageError, match=r"is 1G; .* need \d+M; use a higher limit or a smaller size$"):
-        texels_per_chunk(1024 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 1 << 20, 1000)
+        texels_per_chunk(1024 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 512, 1000)
 
 
 def test_parts_cover_everything_once():

@@ -8,7 +8,7 @@ import pytest
 
 import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
-from aoprecalc.api.mesh import with_poses
+from aoprecalc.api.prepared_scene import with_poses
 from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.options import BakeOptions, ValueOptions

@@ -171,6 +171,6 @@ def test_it_is_an_option_everywhere(tmp_path):
 
 
 def test_a_memory_limit_bounds_it(step, monkeypatch):
-    monkeypatch.setattr("aoprecalc.visibility.setup.resident_memory", lambda: 100 << 20)
+    monkeypatch.setattr("aoprecalc.visibility.plan.resident_memory", lambda: 100 << 20)
     most = bake(step, target_error=0.0, memory_limit=450 << 20)
     assert SIZES[0] < side(most) <= 1024

@@ -336,7 +336,7 @@ def bake_file(
     figures           a folder for the figures, see `BakeResult.figures`, whose names begin with the stem; None: none
     figure_direction  see `FigureOptions`
     outputs           receives the files, which the caller then moves to their places; None: they appear at the end
-    make_visibility   see `bake_scene`
+    make_visibility   see `bake_prepared`
     Either all files appear, or none and what `bake` and `BakeResult.save` raise is raised.
     """
     options, progress = options or BakeOptions(), progress or Progress()

@@ -1,174 +1,169 @@
 """The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and notes."""
 
-from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import reduce
 
 from aoprecalc.api.bake_messages import describe_uvs, messages_on
-from aoprecalc.api.high_to_low import messages_on_misses, missed_texels, nothing_met, with_detail
-from aoprecalc.api.mesh import with_poses
-from aoprecalc.api.surroundings import with_surroundings
+from aoprecalc.api.high_to_low import messages_on_misses, missed_texels, nothing_met
+from aoprecalc.api.prepared_scene import PreparedScene, prepare_bake, value_options
 from aoprecalc.api.texture_size import choose_texture
 from aoprecalc.api.vertex_ao import fit_to_texture
-from aoprecalc.errors import InputError, UsageError, counted
+from aoprecalc.errors import AoprecalcError, InputError, UsageError, counted
 from aoprecalc.mesh.detail import detail_of
-from aoprecalc.mesh.roles import assign_roles, in_poses, up_axis
-from aoprecalc.mesh.surface import default_crease_angle, shading_normals
-from aoprecalc.options import BakeOptions, ValueOptions
-from aoprecalc.options.fields import option_fields
+from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.resolve import fill_missed, lighter_of_sides, pad_and_fill, resolve_texels
-from aoprecalc.types import Baked, DarkTexels, Float32Array, Scene
+from aoprecalc.types import Baked, DarkTexels, Scene, Texels, Texture
 from aoprecalc.visibility.backend import Backend, open_backend
-from aoprecalc.visibility.dark_texels import dark_texels, first_look
-from aoprecalc.visibility.directions import auto_shadow_size
+from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
-from aoprecalc.visibility.map_error import map_error
-from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide, chunks, texels_per_chunk
-
-
-@dataclass(frozen=True, eq=False)
-class OpenedBake:
-    """What the bakes of several textures of a scene share.
-
-    backend   is open
-    normals   (f, 3, 3) float32: the shading normals of the scene
-    """
-
-    backend: Backend
-    normals: Float32Array
-
-
-def prepare_scene(scene: Scene, options: BakeOptions, high: Sequence[Scene] = ()) -> tuple[Scene, Float32Array]:
-    """Return a scene with its roles, what surrounds it, its poses and details; and its normals, (f, 3, 3) float32.
-
-    high   detailed meshes in memory, in place of the files that `options` name
-    """
-    scene = with_surroundings(assign_roles(scene, options, share=options.instances == "share"), options)
-    scene = with_detail(with_poses(scene, options), options, options.threads, high)
-    return scene, shading_normals(scene, options.normals, options.crease_angle)
+from aoprecalc.visibility.map_error import warnings_on_maps
+from aoprecalc.visibility.plan import GatherPlan, plan_gather
+from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide
 
 
 def bake_scene(
     scene: Scene,
     options: BakeOptions,
     progress: Progress | None = None,
-    timer: StageTimer | None = None,
     make_visibility: VisibilityFactory = LocalVisibility,
-    opened: OpenedBake | None = None,
 ) -> Baked:
     """Bake one texture of a scene in memory (Précalcul, section 1.1).
 
-    timer             receives the seconds of each stage
-    make_visibility   makes the source of the visibility sums of one side; by default this process computes them
-    opened            what the bakes of several textures share; the scene is prepared then, see `prepare_scene`
-    Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
-    beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
-    direction, RendererError where there is no renderer.
+    Raises what `prepare_bake`, `open_backend` and `bake_prepared` raise.
     """
     progress = progress or Progress()
-    timer = timer or StageTimer(progress)
-    if opened is None:
-        scene, normals = prepare_scene(scene, options)
-    else:
-        normals = opened.normals
-    with nullcontext(opened.backend) if opened else open_backend(options, progress) as backend:
-        backend.check_size(options)
-        with timer.stage("unwrap"):
-            look = partial(first_look, backend, scene, normals, options)
-            chosen = choose_texture(backend, scene, normals, options, progress, look)
-            options, atlas = chosen.options, chosen.atlas
-        progress.note(describe_uvs(atlas, options.padding))
-        setup = BakeSetup(backend, BakeInputs(scene, atlas, normals, options))
-        texels, detail = setup.texels, detail_of(scene)
-        size = f"{options.width} x {options.height}"
-        if not len(texels):
-            advice = "use a larger --size" if options.texel_density is None else "use a greater --texel-density"
-            raise InputError(f"{scene.path}: its surface covers none of {size} texels; {advice}")
-        overlap = setup.overlap()
-        shadow_size = options.shadow_size or max(
-            auto_shadow_size(posed, atlas, len(texels), options.directions, None if detail is None else side.scene)
-            for side in setup.sides
-            for posed, _ in in_poses(setup.textured(side), normals)
-        )
-        chunk_size = texels_per_chunk(
-            options.memory_limit,
-            size,
-            options.width * options.height,
-            len(texels),
-            map_bytes=8 * shadow_size**2,
-            triangles=len(setup.sides[0].surface.occluders) + (0 if detail is None else len(detail.scene.faces)),
-            vectors=options.bent_normals,
-        )
-        passes = sum(len(chunks(len(side.texels), chunk_size)) for side in setup.sides)
-        unit = "directions" if passes == len(setup.sides) else f"directions, {passes} times to save memory"
-        passes *= max(1, len(scene.poses))
-        with timer.stage("visibility", passes * 2 * len(setup.axes), unit):
-            sides = [
-                _gather_side(setup, side, make_visibility, shadow_size, chunk_size, progress) for side in setup.sides
-            ]
-        dark = dark_texels(setup, sides) if any(side.measured.any() for side in sides) else DarkTexels(0.0)
-        maps = map_error(setup, sides, shadow_size) if backend.kind == "gl" else None
-        missed = texels.select(slice(0, 0)) if detail is None else missed_texels(texels, sides)
-        misses = messages_on_misses(setup, missed)
-        backend.check_errors()
-    if not any(side.measured.any() for side in sides):
-        if detail is not None:
-            raise InputError(nothing_met(scene, detail, len(texels)))
-        raise UsageError(
-            f"{counted(len(texels), 'texel')} covered, but facing none of {2 * len(setup.axes)} directions; "
-            "use more --directions"
-        )
+    prepared = prepare_bake(scene, options)
+    with open_backend(options, progress) as backend:
+        return bake_prepared(prepared, backend, options, progress, StageTimer(progress), make_visibility)
+
+
+def bake_prepared(
+    prepared: PreparedScene,
+    backend: Backend,
+    options: BakeOptions,
+    progress: Progress,
+    timer: StageTimer,
+    make_visibility: VisibilityFactory = LocalVisibility,
+) -> Baked:
+    """Bake one texture of a prepared scene on a backend that is open.
+
+    timer             receives the seconds of each stage
+    make_visibility   makes the source of the visibility sums of one side; by default this process computes them
+    Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
+    beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
+    direction, RendererError where the renderer fails.
+    """
+    backend.check_size(options)
+    with timer.stage("unwrap"):
+        chosen = choose_texture(backend, prepared, options, progress)
+    options, atlas = chosen.options, chosen.atlas
+    progress.note(describe_uvs(atlas, options.padding))
+    setup = BakeSetup(backend, BakeInputs(prepared.scene, atlas, prepared.normals, options))
+    measured = _measure(setup, make_visibility, progress, timer)
     with timer.stage("finish"):
-        resolved_sides = [
-            resolve_texels(side.texels, side.values, side.measured, side.reconstruction, side.vectors) for side in sides
-        ]
-        lighter = fill_missed(reduce(lighter_of_sides, resolved_sides), missed)  # of levels of detail, too
-        texture = pad_and_fill(lighter, options.padding, options.fill, repeats=atlas.repeats)
+        texture = _finish(measured, setup.inputs)
     baked = Baked(
-        scene=scene,
+        scene=prepared.scene,
         texture=texture,
         atlas=atlas,
-        normals=normals,
-        directions=max(side.directions for side in sides),
-        sampling_error=max((side.error for side in sides if side.error is not None), default=None),
-        dark=dark,
+        normals=prepared.normals,
+        directions=measured.directions,
+        sampling_error=measured.sampling_error,
+        dark=measured.dark,
         backend=backend.kind,
         renderer=backend.name,
-        shadow_size=shadow_size if backend.kind == "gl" else None,
+        shadow_size=measured.shadow_size,
         size_estimates=chosen.estimates,
-        options=_value_options(scene, options),
-        missed=len(missed),
+        options=value_options(prepared.scene, options),
+        missed=len(measured.missed),
     )
     if options.vertex_ao != "none":
         with timer.stage("vertices"):
             baked = replace(baked, vertex_ao=fit_to_texture(baked))
-    coarse = [] if maps is None else [maps.warning(shadow_size)]
-    messages = [*chosen.warnings, *filter(None, coarse), *misses, *messages_on(baked, options, overlap)]
+    messages = [*chosen.warnings, *measured.messages, *messages_on(baked, options, measured.overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
 
 
-def _value_options(scene: Scene, options: BakeOptions) -> ValueOptions:
-    """Return the options that define the value, also for copies of the mesh in other formats.
+@dataclass(frozen=True, eq=False)
+class MeasuredTexels:
+    """What a backend has measured of the texels of one texture.
 
-    So the axis that points up is named, and the crease angle of STL.
+    sides         the occlusion of each side, at least one texel of which has a value
+    missed        covered texels without a value as their points are not on the detailed surface
+    dark          texels that get no light, and why
+    overlap       share of the covered texels whose centre lies inside more than one triangle
+    shadow_size   side of the depth maps in texels; None without maps
+    messages      warnings and notes about depth maps and misses
     """
-    value = ValueOptions(**{field.name: getattr(options, field.name) for field in option_fields(ValueOptions)})
-    if value.has_up:
-        value = replace(value, up=up_axis(scene, options))
-    if value.crease_angle is None and scene.format == "stl":
-        value = replace(value, crease_angle=default_crease_angle(scene))
-    return value
+
+    sides: tuple[TexelOcclusion, ...]
+    missed: Texels
+    dark: DarkTexels
+    overlap: float
+    shadow_size: int | None
+    messages: tuple[str, ...]
+
+    @property
+    def directions(self) -> int:
+        """The number of light directions that were used."""
+        return max(side.directions for side in self.sides)
+
+    @property
+    def sampling_error(self) -> float | None:
+        """The greater of the sides' sampling errors, RMS; None where there is no estimate."""
+        return max((side.error for side in self.sides if side.error is not None), default=None)
+
+
+def _measure(
+    setup: BakeSetup, make_visibility: VisibilityFactory, progress: Progress, timer: StageTimer
+) -> MeasuredTexels:
+    """Measure the texels of a setup; see `bake_prepared`."""
+    if not len(setup.texels):
+        raise _nothing_covered(setup.inputs)
+    overlap, plan = setup.overlap(), plan_gather(setup)
+    again = "" if plan.passes == len(setup.sides) else f", {plan.passes} times to save memory"
+    directions = 2 * len(setup.axes) * max(1, len(setup.inputs.scene.poses))
+    with timer.stage("visibility", plan.passes * directions, f"directions{again}"):
+        sides = tuple(_gather_side(setup, side, plan, make_visibility, progress) for side in setup.sides)
+    dark, missed = dark_texels(setup, sides), missed_texels(setup, sides)
+    shadow_size = plan.shadow_size if setup.backend.kind == "gl" else None
+    on_maps = [] if shadow_size is None else warnings_on_maps(setup, sides, shadow_size)
+    messages = (*on_maps, *messages_on_misses(setup, missed))
+    setup.backend.check_errors()
+    if not any(side.measured.any() for side in sides):
+        raise _nothing_measured(setup)
+    return MeasuredTexels(sides, missed, dark, overlap, shadow_size, messages)
 
 
 def _gather_side(
-    setup: BakeSetup,
-    side: SurfaceSide,
-    make_visibility: VisibilityFactory,
-    shadow_size: int,
-    chunk_size: int,
-    progress: Progress,
+    setup: BakeSetup, side: SurfaceSide, plan: GatherPlan, make_visibility: VisibilityFactory, progress: Progress
 ) -> TexelOcclusion:
-    visibility = make_visibility(setup, side, shadow_size, chunk_size, progress)  # freed before the next side's is made
-    return gather(setup, side, visibility, chunk_size)
+    """Measure one side; what its visibility is tested with is freed before the next side's is made."""
+    visibility = make_visibility(setup, side, plan.shadow_size, plan.chunk_size, progress)
+    return gather(setup, side, visibility, plan.chunk_size)
+
+
+def _finish(measured: MeasuredTexels, inputs: BakeInputs) -> Texture:
+    """Return the texture: the lighter of its sides, padded and filled (Précalcul, section 1.1.3)."""
+    resolved = [
+        resolve_texels(side.texels, side.values, side.measured, side.reconstruction, side.vectors)
+        for side in measured.sides
+    ]
+    lighter = fill_missed(reduce(lighter_of_sides, resolved), measured.missed)  # of levels of detail, too
+    return pad_and_fill(lighter, inputs.options.padding, inputs.options.fill, repeats=inputs.atlas.repeats)
+
+
+def _nothing_covered(inputs: BakeInputs) -> InputError:
+    options = inputs.options
+    advice = "use a larger --size" if options.texel_density is None else "use a greater --texel-density"
+    size = f"{options.width} x {options.height}"
+    return InputError(f"{inputs.scene.path}: its surface covers none of {size} texels; {advice}")
+
+
+def _nothing_measured(setup: BakeSetup) -> AoprecalcError:
+    scene, texels = setup.inputs.scene, len(setup.texels)
+    if (detail := detail_of(scene)) is not None:
+        return InputError(nothing_met(scene, detail, texels))
+    facing = f"covered, but facing none of {2 * len(setup.axes)} directions"
+    return UsageError(f"{counted(texels, 'texel')} {facing}; use more --directions")

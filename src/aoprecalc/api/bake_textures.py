@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aoprecalc.api.bake_scene import OpenedBake, bake_scene, prepare_scene
+from aoprecalc.api.bake_scene import bake_prepared
 from aoprecalc.api.bent_normals import scene_tangents
+from aoprecalc.api.prepared_scene import prepare_bake
 from aoprecalc.api.vertex_ao import fit_to_texture
 from aoprecalc.errors import ArgumentError, InputError, counted
 from aoprecalc.io.formats.base import source_polygons
@@ -120,34 +121,35 @@ def bake_textures(
     make_visibility: VisibilityFactory = LocalVisibility,
     high: Sequence[Scene] = (),
 ) -> BakedTextures:
-    """Bake the textures of a scene that the options ask for; raises what `prepare_scene` and `bake_scene` raise.
+    """Bake the textures of a scene that the options ask for; raises what `prepare_bake` and `bake_prepared` raise.
 
-    high   see `prepare_scene`
+    high   see `prepare_bake`
     """
     progress = progress or Progress()
     timer = timer or StageTimer(progress)
-    prepared, normals = prepare_scene(scene, options, high)
-    groups = divide(prepared, options)
+    prepared = prepare_bake(scene, options, high)
+    scene = prepared.scene
+    groups = divide(scene, options)
     with open_backend(options, progress) as backend:
-        opened = OpenedBake(backend, normals)
         if options.unwrap in ("auto", "keep"):
-            groups = tuple(tile for group in groups for tile in _tiles(backend.rasterizer, prepared, group, options))
+            groups = tuple(tile for group in groups for tile in _tiles(backend.rasterizer, scene, group, options))
         if len(groups) == 1:
-            baked = bake_scene(prepared, options, progress, timer, make_visibility, opened)
+            baked = bake_prepared(prepared, backend, options, progress, timer, make_visibility)
             return BakedTextures((TextureBake("", baked),), baked)
-        own = _of_the_whole(prepared, options)
+        own = _of_the_whole(scene, options)
         textures = []
         for group in groups:
             progress.note(f"texture {group.name}: {counted(int(np.count_nonzero(group.faces)), 'triangle')}")
             how = own if group.tile is None else replace(own, unwrap="keep")
+            own_scene = replace(prepared, scene=group.scene(scene))
             named = _NamedLines(progress, group.name)
             try:
-                baked = bake_scene(group.scene(prepared), how, named, timer, make_visibility, opened)
+                baked = bake_prepared(own_scene, backend, how, named, timer, make_visibility)
             except InputError as error:
                 raise InputError(f"texture {group.name}: {error}") from error
             value = replace(baked.options, max_distance=options.max_distance)
             textures.append(TextureBake(group.name, replace(baked, options=value)))
-    whole = _joined(prepared, textures)
+    whole = _joined(scene, textures)
     if options.vertex_ao != "none":
         with timer.stage("vertices"):
             whole = replace(whole, vertex_ao=fit_to_texture(whole))

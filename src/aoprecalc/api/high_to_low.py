@@ -143,8 +143,14 @@ def _named(parts: Sequence[str]) -> str:
     return f"{counted(len(parts), 'part')} ({listed(list(map(repr, parts)))})"
 
 
-def missed_texels(texels: Texels, sides: Sequence[TexelOcclusion]) -> Texels:
-    """Return the covered texels that no side has measured: those that are not on the detailed surface, as a rule."""
+def missed_texels(setup: BakeSetup, sides: Sequence[TexelOcclusion]) -> Texels:
+    """Return the covered texels that no side has measured: as a rule, those that are not on the detailed surface.
+
+    None of them without such a surface.
+    """
+    texels = setup.texels
+    if detail_of(setup.inputs.scene) is None:
+        return texels.select(slice(0, 0))
     measured: BoolArray = np.zeros(texels.width * texels.height, bool)
     for side in sides:
         measured[side.texels.index[side.measured]] = True

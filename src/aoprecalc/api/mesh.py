@@ -1,4 +1,4 @@
-"""Meshes from arrays, files and trimesh, and back to trimesh; the poses of files."""
+"""Meshes from arrays, files and trimesh, and back to trimesh."""
 
 import re
 import sys
@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aoprecalc.errors import ArgumentError, counted
 from aoprecalc.io import load_scene, scene_from_arrays, texture_values
-from aoprecalc.io.meshes import scene_in_pose
 from aoprecalc.mesh.roles import without_surroundings
-from aoprecalc.mesh.surface import shading_normals
 from aoprecalc.mesh.topology import corners_to_vertices
 from aoprecalc.options import ValueOptions
 from aoprecalc.types import Baked, Float32Array, Float64Array, Int32Array, Scene
@@ -271,33 +269,6 @@ def as_mesh(mesh: MeshLike) -> Mesh:
     hint = "; use scene.to_mesh()" if type(mesh).__name__ == "Scene" else ""
     expected = f"a Mesh, a path or a trimesh.Trimesh was expected{hint}"
     raise ArgumentError("mesh", f"is of type {type(mesh).__name__}, {expected}")
-
-
-def with_poses(scene: Scene, options: ValueOptions) -> Scene:
-    """Return a scene with the poses that options name, each once, in the order of their names, and their warnings.
-
-    The mesh of a bake has its poses already, as its file is not there to be asked.
-    Raises ArgumentError where the file has no such pose, InputError where its animations are damaged.
-    """
-    known = {} if scene.format else scene.poses
-    poses = {name: known.get(name) or scene_in_pose(scene, name) for name in sorted(set(options.pose))}
-    warnings = dict.fromkeys((*scene.warnings, *(line for pose in poses.values() for line in pose.warnings)))
-    shaded = {
-        name: replace(pose, normals=shading_normals(pose, options.normals, options.crease_angle))
-        for name, pose in poses.items()
-    }
-    return replace(scene, poses=shaded, warnings=tuple(warnings))
-
-
-def standing(scene: Scene, pose: str, options: ValueOptions) -> Scene:
-    """Return a scene as it stands in one pose, for pictures: the rest is as in its file.
-
-    options   say which shading normals it has
-    Raises what `with_poses` raises.
-    """
-    posed = with_poses(scene, replace(options, pose=(pose,)))
-    stands = posed.poses[pose]
-    return replace(posed, positions=stands.positions, faces=stands.faces, normals=stands.normals)
 
 
 def given_or_default(options: OptionsT | None, kind: type[OptionsT]) -> OptionsT:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.documents import Document, Report
-from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default, standing
+from aoprecalc.api.mesh import Mesh, MeshLike, as_mesh, given_or_default
+from aoprecalc.api.prepared_scene import standing
 from aoprecalc.api.textured_surface import MeshToDraw, mesh_to_draw
 from aoprecalc.errors import ArgumentError, UsageError, listed_counts
 from aoprecalc.io import MESH_EXTENSIONS, Outputs, checked_spheres

@@ -11,21 +11,23 @@ from functools import partial
 
 import numpy as np
 
+from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.errors import ArgumentError, RendererError
 from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.metrics.resolution import resolution_error
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
-from aoprecalc.types import Atlas, Float32Array, Scene, SizeEstimates
+from aoprecalc.types import Atlas, Scene, SizeEstimates
 from aoprecalc.uv.checks import RasterizerFactory, TexelDensity, needs_uvs
 from aoprecalc.uv.fill import LARGEST_PAGE, FirstLook, TooDenseError, next_power_of_two, rounded_down
 from aoprecalc.uv.pack import NoRoomError
 from aoprecalc.uv.unwrap import Cuts, choose_atlas
 from aoprecalc.visibility.backend import Backend
+from aoprecalc.visibility.dark_texels import first_look
 from aoprecalc.visibility.directions import MAX_SHADOW_SIZE
 from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.plan import texels_per_chunk
 from aoprecalc.visibility.rays import embreex_problem
-from aoprecalc.visibility.setup import texels_per_chunk
 
 SIZES = tuple(1 << power for power in range(6, 14))  # 64 to 8192
 DEFAULT_ERROR = 0.005  # of resolution; a step of 8 bits is 0.004
@@ -51,24 +53,21 @@ class ChosenTexture:
 
 
 def choose_texture(
-    backend: Backend,
-    scene: Scene,
-    normals: Float32Array,
-    options: BakeOptions,
-    progress: Progress,
-    first_look: FirstLook,
+    backend: Backend, prepared: PreparedScene, options: BakeOptions, progress: Progress
 ) -> ChosenTexture:
     """Choose the size of a texture, unless it is given, and its UVs.
 
     Raises UsageError where the density of texels that is asked for is impossible, with what is possible, and what
     `choose_atlas` raises; RendererError where errors cannot be estimated.
     """
+    scene, normals = prepared.scene, prepared.normals
+    look = partial(first_look, backend, scene, normals, options)
     if options.size != "auto":
-        return ChosenTexture(options, _atlas_of_size(backend.rasterizer, scene, options, progress, first_look))
+        return ChosenTexture(options, _atlas_of_size(backend.rasterizer, scene, options, progress, look))
     sizes = [size for size in SIZES if _has_room(size, backend, scene, options)]
     if not sizes:  # which says what is too low
-        return choose_texture(backend, scene, normals, replace(options, size=SIZES[0]), progress, first_look)
-    tries = _Tries(partial(choose_atlas, backend.rasterizer, scene), options, progress, first_look)
+        return choose_texture(backend, prepared, replace(options, size=SIZES[0]), progress)
+    tries = _Tries(partial(choose_atlas, backend.rasterizer, scene), options, progress, look)
     if options.texel_density is not None:
         size, atlas = _by_density(scene, tries, sizes, options.texel_density)
         reached = TexelDensity.of(scene, atlas, size, size).mean
@@ -207,10 +206,10 @@ def _kept_density(scene: Scene, atlas: Atlas, options: BakeOptions, wanted: floa
 def _has_room(size: int, backend: Backend, scene: Scene, options: BakeOptions) -> bool:
     """Tell whether a texture of this size is within the limits of the renderer and of memory, however full it is."""
     sized = replace(options, size=size)
-    map_bytes = 8 * (options.shadow_size or MAX_SHADOW_SIZE) ** 2
+    shadow_size = options.shadow_size or MAX_SHADOW_SIZE
     try:
         backend.check_size(sized)
-        texels_per_chunk(options.memory_limit, "", size**2, size**2, map_bytes, len(scene.faces))
+        texels_per_chunk(options.memory_limit, "", size**2, size**2, shadow_size, len(scene.faces))
     except ArgumentError:
         return False
     return True

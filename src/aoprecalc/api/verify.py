@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aoprecalc.api.documents import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
-from aoprecalc.api.high_to_low import detailed_meshes, messages_on_missed_points, names_of, with_detail
-from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default, with_poses
-from aoprecalc.api.surroundings import files_beside, with_surroundings
+from aoprecalc.api.high_to_low import detailed_meshes, messages_on_missed_points, names_of
+from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
+from aoprecalc.api.prepared_scene import PreparedScene
+from aoprecalc.api.surroundings import files_beside
 from aoprecalc.api.textured_surface import TexturedSurface, find_texture
 from aoprecalc.errors import InputError, UsageError, counted, one_or_many
 from aoprecalc.io import (
@@ -25,7 +26,7 @@ from aoprecalc.io import (
 from aoprecalc.io.occlusion import mesh_beside
 from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
 from aoprecalc.mesh.roles import surrounding_part
-from aoprecalc.mesh.surface import area_vectors, sample_surface, shading_normals
+from aoprecalc.mesh.surface import area_vectors, sample_surface
 from aoprecalc.metrics.errors import (
     MeasuredSurface,
     TextureErrors,
@@ -207,14 +208,13 @@ def verify(
         if mesh.ao is None:
             value = files_beside(value, options, surface.scene, picture.name)
         outputs.protect(map(Path, option_files(value)))
-        surface = replace(surface, scene=with_poses(surface.scene, value))
-        scene = with_detail(with_surroundings(surface.scene, value), value, options.threads, details)
-        normals = shading_normals(surface.scene, surface.options.normals, surface.options.crease_angle)
+        prepared = PreparedScene.of(surface.scene, value, options.threads, details)
+        surface = replace(surface, scene=prepared.scene)
         with timer.stage("rays", options.points, "points"):
             verified = measure_texture(
-                scene,
+                prepared.scene,
                 surface.atlas,
-                normals,
+                prepared.normals,
                 picture.values,
                 options,
                 progress,
@@ -223,7 +223,7 @@ def verify(
         if "heat_map" in paths:
             with timer.stage("heat map"):
                 _write_heat_map(outputs.path(paths["heat_map"]), surface, verified)
-        messages = [*_messages(replace(surface, scene=scene), options), *messages_on_missed_points(verified)]
+        messages = [*_messages(surface, options), *messages_on_missed_points(verified)]
         document = replace(
             _report(surface, verified, options),
             outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),

@@ -4,6 +4,7 @@ Rays from a sample of the dark texels tell what keeps the light away.
 Hidden surfaces of assets made of many parts are dark, and ought to be; a mesh that is wound inside out is dark, too.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,14 +46,14 @@ _ON_GROUND = 1e-3  # height above the lowest point, over the bounding radius, up
 _MIN_PART = 0.5  # of a part's texels: parts of which less is enclosed or faces inwards are not named
 
 
-def dark_texels(setup: BakeSetup, sides: list[TexelOcclusion]) -> DarkTexels:
+def dark_texels(setup: BakeSetup, sides: Sequence[TexelOcclusion]) -> DarkTexels:
     """Return the share of the dark texels, and what keeps the light away from them.
 
     The causes are found by rays from up to 1000 of the dark texels, chosen at random with a fixed seed. They are not
     looked for where less than 1% of the texels is dark, or where rays cannot be traced.
     """
     dark, measured = _dark(sides, setup.texels)
-    share = len(dark) / measured
+    share = len(dark) / max(measured, 1)
     if share < _MIN_SHARE or embreex_problem() is not None:
         return DarkTexels(share)
     texels, scene = setup.texels, setup.inputs.scene
@@ -70,7 +71,7 @@ def dark_texels(setup: BakeSetup, sides: list[TexelOcclusion]) -> DarkTexels:
     return DarkTexels(share, int(np.count_nonzero(cast)), **shares, parts=parts)
 
 
-def _dark(sides: list[TexelOcclusion], texels: Texels) -> tuple[Int32Array, int]:
+def _dark(sides: Sequence[TexelOcclusion], texels: Texels) -> tuple[Int32Array, int]:
     """Return the index of each texel that is dark on all sides, ascending, and how many texels have a value."""
     measured, lit = (np.zeros(texels.width * texels.height, bool) for _ in range(2))
     for side in sides:

@@ -27,7 +27,8 @@ from aoprecalc.types import (
 from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import INV_GOLDEN_RATIO, texel_offset
 from aoprecalc.visibility.integrand import sampling_error
-from aoprecalc.visibility.setup import FIT_CHUNK, BakeSetup, SurfaceSide, chunks
+from aoprecalc.visibility.plan import FIT_CHUNK, chunks
+from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
 MAX_INSTANCES = 8  # instances tested per UV region: 64 axes / 8 = 8 each, one batch of depth maps
 

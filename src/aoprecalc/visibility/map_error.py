@@ -1,6 +1,7 @@
 """What depth maps are wrong by where their texels are far wider than the texture's."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,48 +23,34 @@ _CHECKED = 512  # texels for which rays are traced, as many as for texels with a
 _MAX_ERROR = 0.01  # that depth maps may add without a warning
 
 
-@dataclass(frozen=True)
-class MapError:
-    """How coarse depth maps are for a texture.
-
-    ratio   of a map texel's width to that of a texel of the texture, on the surfaces for which the maps are coarse
-    error   RMS difference of the texels to rays along the same directions; None where rays cannot be traced
-    """
-
-    ratio: float
-    error: float | None
-
-    def warning(self, shadow_size: int) -> str | None:
-        """Return a warning where the error is more than 0.01, or not known."""
-        if self.error is not None and self.error <= _MAX_ERROR:
-            return None
-        added = "an error of unknown size" if self.error is None else f"an estimated error of {self.error:.3f}"
-        return (
-            f"the depth maps add {added}: their texels are {self.ratio:.0f} times as wide as the texture's on the "
-            f"surface; use --backend ray, a --shadow-size larger than {shadow_size}, or --only for small parts"
-        )
-
-
-def map_error(setup: BakeSetup, sides: list[TexelOcclusion], shadow_size: int) -> MapError | None:
-    """Estimate the error that depth maps of `shadow_size` add; None where their texels are fine enough.
+def warnings_on_maps(setup: BakeSetup, sides: Sequence[TexelOcclusion], shadow_size: int) -> list[str]:
+    """Return a warning where depth maps of `shadow_size` add an error of more than 0.01, or one that is not known.
 
     sides   of the setup, in their order
-    For a sample of the texels rays are traced from the points that the maps were compared at, along the same axes.
+    Where map texels are far wider than those of the texture, rays are traced for a sample of the texels: from the
+    points that the maps were compared at, along the same axes. The error is the RMS difference.
     """
-    ratios, squares = [1.0], 0.0
+    known, ratios, squares = embreex_problem() is None, list[float](), 0.0
     for side, found in zip(setup.sides, sides, strict=True):
         ratio = _coarseness(setup, side, shadow_size)
         if ratio is not None and len(found.texels):
             ratios.append(ratio)
-            squares += len(found.texels) * (_squared_error(setup, side, found) if embreex_problem() is None else 0.0)
-    if len(ratios) == 1:
-        return None
-    error = (squares / sum(len(found.texels) for found in sides)) ** 0.5 if embreex_problem() is None else None
-    return MapError(max(ratios), error)
+            squares += len(found.texels) * (_squared_error(setup, side, found) if known else 0.0)
+    error = (squares / sum(len(found.texels) for found in sides)) ** 0.5 if ratios else 0.0
+    if not ratios or (known and error <= _MAX_ERROR):
+        return []
+    added = f"an estimated error of {error:.3f}" if known else "an error of unknown size"
+    return [
+        f"the depth maps add {added}: their texels are {max(ratios):.0f} times as wide as the texture's on the "
+        f"surface; use --backend ray, a --shadow-size larger than {shadow_size}, or --only for small parts"
+    ]
 
 
 def _coarseness(setup: BakeSetup, side: SurfaceSide, shadow_size: int) -> float | None:
-    """Return the ratio of map texels to texels, see MapError, of one side; None where the maps are fine enough."""
+    """Return how wide map texels are over those of the texture, on the surfaces of one side where they are far wider.
+
+    None where they are fine enough on nearly all of it.
+    """
     scene, atlas = setup.textured(side), setup.inputs.atlas
     poses = [pose for pose, _ in in_poses(side.scene, setup.inputs.normals)]
     areas = area_per_texel(scene, atlas, side.texels) * bounding_sphere(scene.positions)[1] ** 2
