@@ -228,11 +228,12 @@ def test_in_object_space_those_of_a_skin_are_as_its_vertices_are_stored(tmp_path
 
 
 def test_padding_repeats_the_nearest_texel():
-    from aoprecalc.raster.resolve import pad
+    from aoprecalc.raster.padding import pad
 
     bent, sh, found = baked(scene(*ball(2)), directions=64, padding=4)
     for image in (bent, sh):
-        again, known = pad(image * found.texture.known[..., None], found.texture.known, 4)
+        again = pad(image * found.texture.known[..., None], found.texture.known, 4)
+        known = pad(found.texture.known, found.texture.known, 4)
         assert image[known] == pytest.approx(again[known], abs=1e-6)
 
 

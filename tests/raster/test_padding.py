@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from aoprecalc.raster import resolve
-from aoprecalc.raster.resolve import (
-    LeastSquaresImage,
-    ResolvedTexture,
-    lighter_of_sides,
-    pad,
-    pad_and_fill,
-    push_pull,
-    resolve_texels,
-)
+from aoprecalc.raster import padding
+from aoprecalc.raster.padding import find_padding, finish, pad, pad_and_fill, push_pull
+from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture, lighter_of_sides, resolve_texels
 from aoprecalc.types import Texels
 
 
@@ -43,9 +36,12 @@ def slow_pad(picture, valid, reach, repeats):
 @pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_padding_copies_the_nearest_valid_texel(seed, repeats, monkeypatch):
-    monkeypatch.setattr(resolve, "_BAND_ROWS", 7)
+    monkeypatch.setattr(padding, "_BAND_ROWS", 7)
     picture, valid = islands(seed)
-    got, known = pad(picture, valid, 4, repeats=repeats)
+    got, found = pad(picture, valid, 4, repeats=repeats), find_padding(valid, 4, repeats=repeats)
+    known = valid.copy()
+    known.ravel()[found.texels] = True
+    assert np.unique(found.texels).size == known.sum() - valid.sum()
     expected, expected_known, tied = slow_pad(picture, valid, 4, repeats)
     assert (known == expected_known).all()
     assert (got == expected)[~tied].all()
@@ -54,10 +50,18 @@ def test_padding_copies_the_nearest_valid_texel(seed, repeats, monkeypatch):
 
 def test_padding_leaves_valid_texels_and_does_nothing_at_reach_0():
     picture, valid = islands(1)
-    assert (pad(picture, valid, 6)[0][valid] == picture[valid]).all()
-    got, known = pad(picture, valid, 0)
-    assert (known == valid).all()
-    assert (got == picture).all()
+    assert (pad(picture, valid, 6)[valid] == picture[valid]).all()
+    assert not len(find_padding(valid, 0).texels)
+    assert (pad(picture, valid, 0) == picture).all()
+
+
+@pytest.mark.parametrize("fill", ["mean", "pushpull", "none"])
+def test_channels_are_padded_and_filled_one_as_the_other(fill):
+    pictures, valid = [islands(4)[0], 2 * islands(4)[0] - islands(4)[1]], islands(4)[1]
+    found = find_padding(valid, 3)
+    together = finish(np.stack(pictures, axis=-1), valid, valid, found, fill)
+    for channel, picture in enumerate(pictures):
+        assert (together[..., channel] == finish(picture, valid, valid, found, fill)).all()
 
 
 def test_push_pull_keeps_what_is_known_and_stays_between():

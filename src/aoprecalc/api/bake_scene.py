@@ -12,7 +12,8 @@ from aoprecalc.errors import AoprecalcError, InputError, UsageError, counted
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
-from aoprecalc.raster.resolve import fill_missed, lighter_of_sides, pad_and_fill, resolve_texels
+from aoprecalc.raster.padding import fill_missed, pad_and_fill
+from aoprecalc.raster.resolve import lighter_of_sides, resolve_texels
 from aoprecalc.types import Baked, DarkTexels, Scene, Texels, Texture
 from aoprecalc.visibility.backend import Backend, open_backend
 from aoprecalc.visibility.dark_texels import dark_texels

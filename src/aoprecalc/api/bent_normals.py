@@ -16,7 +16,7 @@ from aoprecalc.mesh.tangents import corner_tangents
 from aoprecalc.options import BakeOptions, BentSpace
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, Samples, build_layout
-from aoprecalc.raster.resolve import finish, pad
+from aoprecalc.raster.padding import find_padding, finish
 from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Int32Array, Scene, Texels
 
 _CLOSED = 1e-4  # length of a visibility vector up to which nothing is visible: the rest of the fit of the texture
@@ -83,7 +83,8 @@ def _finished(
     texture = baked.texture
     if surface is not None:
         vectors = surface.turned(vectors, space)
-    return finish(vectors, texture.known, texture.valid, options.padding, options.fill, repeats=baked.atlas.repeats)
+    assert texture.padding is not None
+    return finish(vectors, texture.known, texture.valid, texture.padding, options.fill)
 
 
 # The spaces of vectors.
@@ -133,11 +134,12 @@ class TexelSurface:
         samples = CPURasterizer(layout).samples(Texels(width, height, index), CENTER)
         covered: BoolArray = np.zeros(known.shape, bool)
         covered.ravel()[index] = samples.faces >= 0
-        rows: Int32Array = np.zeros(known.shape, np.int32)
-        rows.ravel()[index] = np.arange(len(index))
-        nearest, found = pad(rows, covered, _REACH, repeats=repeats)
-        index = index[found.ravel()[index]]
-        chosen = nearest.ravel()[index]
+        rows: Int32Array = np.full(known.shape, -1, np.int32)
+        rows.ravel()[index] = np.where(samples.faces >= 0, np.arange(len(index)), -1)
+        around = find_padding(covered, _REACH, repeats=repeats)
+        rows.ravel()[around.texels] = rows.ravel()[around.sources]
+        chosen = rows.ravel()[index]
+        index, chosen = index[chosen >= 0], chosen[chosen >= 0]
         return cls(index, Samples(samples.faces[chosen], samples.weights[chosen]), baked)
 
     def select(self, rows: slice | BoolArray) -> Self:

@@ -14,7 +14,8 @@ from aoprecalc.mesh.surface import SurfacePoints, sample_surface
 from aoprecalc.metrics.errors import MeasuredSurface, RayCount, reference_ao
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Layout, area_per_texel, build_layout, clamp_barycentric
-from aoprecalc.raster.resolve import LeastSquaresImage, pad, resolve_texels
+from aoprecalc.raster.padding import pad
+from aoprecalc.raster.resolve import LeastSquaresImage, resolve_texels
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Int64Array, Scene, Texels
 from aoprecalc.visibility.directions import texel_offset
@@ -124,7 +125,7 @@ class _Tiles:
         index = np.flatnonzero(count).astype(np.int32)
         means = (np.bincount(texel, values, self.side**2)[index] / count[index]).astype(np.float32)
         resolved = resolve_texels(Texels(self.side, self.side, index), means, np.ones(len(index), bool), image)
-        padded = pad(resolved.values, resolved.known, _MARGIN)[0]
+        padded = pad(resolved.values, resolved.known, _MARGIN)
         return bilinear(padded, self.uvs, repeats=False)
 
 

@@ -1,4 +1,4 @@
-"""From samples to a whole texture: the least-squares image, padding around the charts, and a fill.
+"""From samples to the texels that look-ups on the surface read: the least-squares image.
 
 The image is the one whose bilinear look-ups come nearest to the samples, in the sense of least squares.
 
@@ -11,16 +11,12 @@ gives a value to each texel that a look-up on the surface can read, covered or n
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
-from aoprecalc.options import Fill
 from aoprecalc.texture_lookup import bilinear_taps
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, Texels, Texture, Wrap
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, Texels, Wrap
 
 # Weight of the initial image, relative to one sample; it decides where samples hardly reach a texel. From 0.02 to 1 the
 # errors on two meshes were the same to 1%; a greater weight passes on less of the samples' noise.
@@ -28,8 +24,7 @@ _PRIOR = 1.0
 _PRECISION = 1e-3  # of the solution: the residual over the first one
 _MAX_STEPS = 40
 
-_Texel = TypeVar("_Texel", bound=np.generic)
-
+_BAND = 1 << 15  # values of an image that are processed at a time, in the processor's cache
 _OFFSET_TOLERANCE = 2.5e-7  # of the image's side: two roundings of a position in 32 bits
 
 _TAPS = ((0, 0), (0, 1), (1, 0), (1, 1))  # (down, right): the texels of a look-up
@@ -41,19 +36,21 @@ _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 class LeastSquaresImage:
     """Collects samples at positions in a texture, and fits an image to each of their channels.
 
-    The normal equations are kept as images: the right-hand sides, the diagonal, and one for each of _NEIGHBOURS.
+    The normal equations are kept as images: the right-hand sides, the diagonal, and one for each of _NEIGHBOURS. These
+    have a border of one texel, so that every texel has all neighbours.
     """
 
     def __init__(self, width: int, height: int, *, repeats: bool, channels: int = 1) -> None:
         """Start without samples; beyond an edge look-ups repeat if `repeats`, else they are clamped."""
         self._shape, self._repeats, self.channels = (height, width), repeats, channels
-        self._rhs: Float32Array = np.zeros((channels, *self._shape), np.float32)
-        self._diagonal: Float32Array = np.zeros(self._shape, np.float32)
-        self._off_diagonal = {neighbour: np.zeros(self._shape, np.float32) for neighbour in _NEIGHBOURS}
+        self._bordered = bordered = (height + 2, width + 2)
+        self._rhs: Float32Array = np.zeros((channels, *bordered), np.float32)
+        self._diagonal: Float32Array = np.zeros(bordered, np.float32)
+        self._off_diagonal = {neighbour: np.zeros(bordered, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
         # Samples at one offset of their texels, before they are added: weights, and weights times values.
         self._offset: tuple[float, float] | None = None
-        self._at_offset: Float32Array = np.zeros((0, *self._shape), np.float32)
+        self._at_offset: Float32Array = np.zeros((0, *bordered), np.float32)
 
     def add_samples(
         self,
@@ -75,7 +72,7 @@ class LeastSquaresImage:
             if offset != self._offset:
                 self._add_pending()
                 self._offset = offset
-                self._at_offset = np.zeros((1 + self.channels, *self._shape), np.float32)
+                self._at_offset = np.zeros((1 + self.channels, *self._bordered), np.float32)
             is_at, texel = self._find_at_offset(offset, positions)
             texel, weights_at = texel[is_at], weights[is_at]
             for image, factors in zip(self._at_offset, (1.0, *values[is_at].T), strict=True):
@@ -86,19 +83,21 @@ class LeastSquaresImage:
     def sampled_texels(self) -> BoolArray:
         """Return which texels a look-up at any of the samples reads, (height, width) bool."""
         self._add_pending()
-        mask: BoolArray = self._diagonal > 0
+        mask: BoolArray = _inner(self._diagonal) > 0
         return mask
 
-    def mean_image(self, channel: int = 0) -> Float32Array:
-        """Return the mean of the samples that read each texel, by their tap weights; 0 where none does.
+    def mean_images(self) -> Float32Array:
+        """Return the means of the samples that read each texel, by their tap weights; 0 where none does.
 
-        (height, width) float32. Only samples that read the texel count, whatever else lies near it.
+        (channels, height, width) float32. Only samples that read the texel count, whatever else lies near it.
         """
-        self._add_pending()
+        self._complete()
         # The taps of a look-up add up to 1, so this is the sum of weight * tap weight.
-        reads = self._multiply(np.ones(self._shape, np.float32), self._diagonal)
-        mean: Float32Array = np.divide(self._rhs[channel], reads, out=np.zeros_like(reads), where=reads > 0)
-        return mean
+        ones, reads = np.ones((2, *self._bordered), np.float32)
+        for rows in self._bands():
+            self._multiply(ones, self._diagonal, rows, reads)
+        means: Float32Array = np.zeros((self.channels, *self._shape), np.float32)
+        return np.divide(_inner(self._rhs), _inner(reads), out=means, where=_inner(reads) > 0)
 
     def solve(self, initial: Float32Array, channel: int = 0) -> Float32Array:
         """Return the (height, width) float32 image nearest to the samples, by conjugate gradients from `initial`.
@@ -107,25 +106,35 @@ class LeastSquaresImage:
         """
         if not self._count:
             return initial
-        self._add_pending()
-        prior = np.float32(_PRIOR * self._weight / self._count)
-        diagonal = self._diagonal + prior
-        residual = self._rhs[channel] - self._multiply(initial, self._diagonal)
-        change = np.zeros_like(initial)
-        scaled = residual / diagonal
-        direction = scaled.copy()
-        power = first = _dot(residual, scaled)
+        self._complete()
+        diagonal, bands = self._diagonal + np.float32(_PRIOR * self._weight / self._count), self._bands()
+        direction, residual, change, response = np.zeros((4, *self._bordered), np.float32)
+        _inner(direction)[...] = initial
+        _repeat_edges(direction)
+        power = 0.0
+        for rows in bands:
+            product = self._multiply(direction, self._diagonal, rows, response)
+            np.subtract(self._rhs[channel, rows], product, out=residual[rows])
+            power += _dot(residual[rows], np.divide(residual[rows], diagonal[rows], out=response[rows]))
+        growth, least = np.float32(0), _PRECISION**2 * power
         for _ in range(_MAX_STEPS):
-            if power <= _PRECISION**2 * first:
+            if power <= least:
                 break
-            response = self._multiply(direction, diagonal)
-            step = np.float32(power / _dot(direction, response))
-            change += step * direction
-            residual -= step * response
-            scaled = residual / diagonal
-            power, before = _dot(residual, scaled), power
-            direction = scaled + np.float32(power / before) * direction
-        return initial + change
+            for rows in bands:
+                direction[rows] *= growth
+                direction[rows] += response[rows]  # the scaled residual
+            _repeat_edges(direction)
+            curvature = 0.0
+            for rows in bands:
+                curvature += _dot(direction[rows], self._multiply(direction, diagonal, rows, response))
+            step = np.float32(power / curvature)
+            before, power = power, 0.0
+            for rows in bands:
+                change[rows] += step * direction[rows]
+                residual[rows] -= step * response[rows]
+                power += _dot(residual[rows], np.divide(residual[rows], diagonal[rows], out=response[rows]))
+            growth = np.float32(power / before)
+        return initial + _inner(change)
 
     def _find_at_offset(self, offset: tuple[float, float], positions: Float32Array) -> tuple[BoolArray, Int64Array]:
         """Return which positions lie at the offset in their texel, off the image's edges, and the texels of all."""
@@ -140,13 +149,17 @@ class LeastSquaresImage:
                 & (corner < size - 1)
             )
             corners.append(corner.astype(np.int64))
-        return at_offset, corners[1] * width + corners[0]
+        return at_offset, self._index(corners[1], corners[0])
+
+    def _index(self, rows: Int64Array, columns: Int64Array) -> Int64Array:
+        """Return the flat indices of texels in images with a border."""
+        return (rows + 1) * self._bordered[1] + columns + 1
 
     def _add_pending(self) -> None:
         """Add the samples at one offset of texels off the edges: their look-ups share one set of tap weights."""
         if self._offset is None:
             return
-        offset, (weight, *weighted) = self._offset, self._at_offset
+        offset, (weight, *weighted) = self._offset, self._at_offset.reshape(len(self._at_offset), -1)
         self._offset, self._at_offset = None, self._at_offset[:0]
         right, down = offset[0] - 0.5, offset[1] - 0.5
         first = math.floor(down), math.floor(right)
@@ -155,15 +168,22 @@ class LeastSquaresImage:
             (lower, farther): np.float32((below if lower else 1 - below) * (along if farther else 1 - along))
             for lower, farther in _TAPS
         }
-        for (lower, farther), tap in taps.items():
-            shift = first[0] + lower, first[1] + farther
-            for rhs, image in zip(self._rhs, weighted, strict=True):
-                _add_shifted(rhs, shift, tap * image)
-            _add_shifted(self._diagonal, shift, tap * tap * weight)
-            for (down_by, right_by), image in self._off_diagonal.items():
-                other = taps.get((lower + down_by, farther + right_by))
-                if other is not None:
-                    _add_shifted(image, shift, tap * other * weight)
+        columns = self._bordered[1]
+        edge = columns + 1  # the first texel that is not of the border
+        for start in range(edge, len(weight) - edge, _BAND):
+            texels = slice(start, min(start + _BAND, len(weight) - edge))
+            for (lower, farther), tap in taps.items():
+                if not tap:
+                    continue
+                shift = (first[0] + lower) * columns + first[1] + farther
+                source = slice(texels.start - shift, texels.stop - shift)
+                for rhs, image in zip(self._rhs, weighted, strict=True):
+                    rhs.reshape(-1)[texels] += tap * image[source]
+                self._diagonal.reshape(-1)[texels] += tap * tap * weight[source]
+                for (down_by, right_by), image in self._off_diagonal.items():
+                    other = taps.get((lower + down_by, farther + right_by))
+                    if other:
+                        image.reshape(-1)[texels] += tap * other * weight[source]
 
     def _add_each(self, positions: Float32Array, values: Float32Array, weights: Float64Array) -> None:
         """Add samples at any positions."""
@@ -180,7 +200,7 @@ class LeastSquaresImage:
                     _scatter(image, texels, inverse, weighted * other[1])
 
     def _taps(self, positions: Float32Array) -> Iterator[tuple[tuple[int, int], tuple[Int64Array, Float32Array]]]:
-        """Yield the four texels of the look-ups: which one (down, right), its flat indices and its tap weights."""
+        """Yield the four texels of the look-ups: which one (down, right), its indices and its tap weights."""
         height, width = self._shape
         right, down = positions.T
         wrap: Wrap = "repeat" if self._repeats else "clamp"
@@ -190,15 +210,37 @@ class LeastSquaresImage:
         *rows, below = bilinear_taps(down, height, wrap)
         for lower, farther in _TAPS:
             tap = (below if lower else 1 - below) * (along if farther else 1 - along)
-            yield (lower, farther), (rows[lower] * width + columns[farther], tap)
+            yield (lower, farther), (self._index(rows[lower], columns[farther]), tap)
 
-    def _multiply(self, image: Float32Array, diagonal: Float32Array) -> Float32Array:
-        """Multiply an image by the symmetric matrix of the normal equations with this diagonal."""
-        result: Float32Array = diagonal * image
-        for (down, right), off_diagonal in self._off_diagonal.items():
-            result += off_diagonal * np.roll(image, (-down, -right), axis=(0, 1))
-            result += np.roll(off_diagonal * image, (down, right), axis=(0, 1))
-        return result
+    def _complete(self) -> None:
+        """Make the normal equations complete: with pending samples, and at the edges."""
+        self._add_pending()
+        for image in self._off_diagonal.values():
+            _repeat_edges(image)
+
+    def _bands(self) -> list[slice]:
+        """Cut the rows, without the border, into bands that stay in the processor's cache."""
+        height, width = self._bordered
+        count = max(1, _BAND // width)
+        return [slice(row, min(row + count, height - 1)) for row in range(1, height - 1, count)]
+
+    def _multiply(self, image: Float32Array, diagonal: Float32Array, rows: slice, out: Float32Array) -> Float32Array:
+        """Multiply rows of an image by the symmetric matrix of the normal equations with this diagonal, into `out`.
+
+        The images have a border; that of the product is 0.
+        """
+        width = self._bordered[1]
+        start, stop = rows.start * width + 1, rows.stop * width - 1  # the rows as one, from the first texel to the last
+        factors, result = image.reshape(-1), out.reshape(-1)[start:stop]
+        np.multiply(diagonal.reshape(-1)[start:stop], factors[start:stop], out=result)
+        term = np.empty_like(result)
+        for (down, right), plane in self._off_diagonal.items():
+            shift, matrix = down * width + right, plane.reshape(-1)
+            result += np.multiply(matrix[start:stop], factors[start + shift : stop + shift], out=term)
+            before = slice(start - shift, stop - shift)
+            result += np.multiply(matrix[before], factors[before], out=term)
+        out[rows, 0] = out[rows, -1] = 0
+        return out[rows]
 
 
 def _scatter(image: Float32Array, texels: Int64Array, inverse: Int64Array, values: Float64Array) -> None:
@@ -206,11 +248,15 @@ def _scatter(image: Float32Array, texels: Int64Array, inverse: Int64Array, value
     image.reshape(-1)[texels] += np.bincount(inverse, values, minlength=len(texels)).astype(np.float32)
 
 
-def _add_shifted(image: Float32Array, shift: tuple[int, int], added: Float32Array) -> None:
-    """Add an image, 0 at its edges, shifted (down, right) by at most one texel each."""
-    to = tuple(slice(max(0, by), size + min(0, by)) for by, size in zip(shift, image.shape, strict=True))
-    of = tuple(slice(max(0, -by), size + min(0, -by)) for by, size in zip(shift, image.shape, strict=True))
-    image[to] += added[of]
+def _inner(images: Float32Array) -> Float32Array:
+    """Return a view of images, (..., rows, columns), without their border."""
+    return images[..., 1:-1, 1:-1]
+
+
+def _repeat_edges(images: Float32Array) -> None:
+    """Set the border of images to the opposite edges; look-ups that do not repeat have weights of 0 there."""
+    images[..., 0, :], images[..., -1, :] = images[..., -2, :], images[..., 1, :]
+    images[..., 0], images[..., -1] = images[..., -2], images[..., 1]
 
 
 def _dot(a: Float32Array, b: Float32Array) -> float:
@@ -219,8 +265,6 @@ def _dot(a: Float32Array, b: Float32Array) -> float:
 
 
 # From the image to the texture.
-
-_BAND_ROWS = 512  # rows at a time, where padding is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,37 +302,18 @@ def resolve_texels(
     valid.ravel()[index] = True
     known = valid | reconstruction.sampled_texels()
 
-    def fit(means: Float32Array, channel: int) -> Float32Array:
-        initial = reconstruction.mean_image(channel)
-        initial.ravel()[index] = means[measured]
-        return reconstruction.solve(initial, channel)
-
+    images = reconstruction.mean_images()
+    for channel, means in enumerate((1 - values,) if vectors is None else (1 - values, *vectors.T)):
+        images[channel].reshape(-1)[index] = means[measured]
+        images[channel] = reconstruction.solve(images[channel], channel)
+    occlusion, *components = images
     # As occlusion, which is exactly 0 on an open surface.
-    fitted = np.where(known, np.clip(1 - fit(1 - values, 0), 0, 1), np.float32(0))
+    fitted = np.where(known, np.clip(1 - occlusion, 0, 1), np.float32(0))
     if vectors is None:
         return ResolvedTexture(fitted, known, valid)
-    components = [np.where(known, fit(means, channel), np.float32(0)) for channel, means in enumerate(vectors.T, 1)]
-    return ResolvedTexture(fitted, known, valid, np.stack(components, axis=-1))
-
-
-def fill_missed(resolved: ResolvedTexture, missed: Texels) -> ResolvedTexture:
-    """Give covered texels whose value could not be measured one, smoothly from what lies around them.
-
-    They count as known from then on, so that the gutters are padded with them, but not as valid.
-    """
-    empty: BoolArray = np.zeros(resolved.known.shape, bool)
-    empty.ravel()[missed.index] = True
-    empty &= ~resolved.known
-    if not empty.any():
-        return resolved
-
-    def filled(image: Float32Array) -> Float32Array:
-        return np.where(empty, push_pull(image, resolved.known), image)
-
-    vectors = resolved.vectors
-    if vectors is not None:
-        vectors = np.stack([filled(vectors[..., axis]) for axis in range(3)], axis=-1)
-    return replace(resolved, values=filled(resolved.values), known=resolved.known | empty, vectors=vectors)
+    return ResolvedTexture(
+        fitted, known, valid, np.where(known[..., None], np.stack(components, axis=-1), np.float32(0))
+    )
 
 
 def lighter_of_sides(front: ResolvedTexture, back: ResolvedTexture) -> ResolvedTexture:
@@ -300,80 +325,3 @@ def lighter_of_sides(front: ResolvedTexture, back: ResolvedTexture) -> ResolvedT
     return ResolvedTexture(
         np.maximum(front.values, back.values), front.known | back.known, front.valid | back.valid, vectors
     )
-
-
-def pad_and_fill(resolved: ResolvedTexture, padding: int, fill: Fill, *, repeats: bool = False) -> Texture:
-    """Return the finished texture (Précalcul, section 1.1.3), its vectors as they are; see `finish`."""
-    values = finish(resolved.values, resolved.known, resolved.valid, padding, fill, repeats=repeats)
-    return Texture(values, resolved.valid, resolved.known, resolved.vectors)
-
-
-def finish(
-    image: Float32Array, known: BoolArray, valid: BoolArray, padding: int, fill: Fill, *, repeats: bool = False
-) -> Float32Array:
-    """Return an image, of any number of channels, padded and filled.
-
-    known     (height, width) bool: texels that have a value
-    valid     those of which the mean is taken
-    padding   texels in the gutter take the value of the nearest known texel at most this far away
-    fill      the remaining texels: mean (of the valid ones, as in Précalcul), pushpull or none (0)
-    repeats   the texture repeats, so that padding continues across its edges
-    """
-    if not valid.any():
-        return image
-    padded, filled = pad(image, known, padding, repeats=repeats)
-    if fill == "mean":
-        padded[~filled] = image[valid].mean(axis=0, dtype=np.float64)
-    elif fill == "pushpull":
-        channels = [push_pull(channel, filled) for channel in np.moveaxis(np.atleast_3d(padded), -1, 0)]
-        padded = np.stack(channels, axis=-1).reshape(padded.shape)
-    return padded
-
-
-def pad(
-    image: NDArray[_Texel], valid: BoolArray, distance: int, *, repeats: bool = False
-) -> tuple[NDArray[_Texel], BoolArray]:
-    """Dilate valid texels by `distance` texels; returns the image and the mask of all texels that now have a value.
-
-    image   (height, width) or (height, width, channels)
-    Each new texel copies the nearest valid one, so charts never mix. Texels farther away are 0.
-    """
-    if not distance:
-        return image.copy(), valid.copy()
-    height, width = valid.shape
-    sides = (min(distance, height), min(distance, width)) if repeats else (0, 0)
-    margin = [(side, side) for side in sides]
-    source: NDArray[_Texel] = np.pad(image, margin + [(0, 0)] * (image.ndim - 2), mode="wrap")
-    mask: BoolArray = np.pad(valid, margin, mode="wrap")
-    result, known = np.zeros_like(source), np.zeros_like(mask)
-    for start in range(0, len(source), _BAND_ROWS):
-        stop = min(start + _BAND_ROWS, len(source))
-        low, high = max(0, start - distance), min(stop + distance, len(source))
-        if not mask[low:high].any():
-            continue
-        nearest = ndimage.distance_transform_edt(~mask[low:high], return_distances=False, return_indices=True)
-        rows, columns = nearest[:, start - low : stop - low]
-        down, right = rows - np.arange(start - low, stop - low)[:, None], columns - np.arange(source.shape[1])
-        near = down**2 + right**2 <= distance * distance
-        known[start:stop] = near
-        result[start:stop][near] = source[low:high][rows[near], columns[near]]
-    inner = slice(sides[0], sides[0] + height), slice(sides[1], sides[1] + width)
-    return result[inner].copy(), known[inner].copy()
-
-
-def push_pull(image: Float32Array, known: BoolArray) -> Float32Array:
-    """Fill unknown texels smoothly from ever coarser means of the known ones, which keep their values.
-
-    (S. Gortler, R. Grzeszczuk, R. Szeliski, M. Cohen, "The Lumigraph", 1996.)
-    """
-    if known.all() or not known.any():
-        return image
-    height, width = image.shape
-    even = np.pad(np.where(known, image, 0), [(0, height % 2), (0, width % 2)])
-    weight = np.pad(known, [(0, height % 2), (0, width % 2)]).astype(np.float32)
-    blocks = (even.shape[0] // 2, 2, even.shape[1] // 2, 2)
-    total = weight.reshape(blocks).sum(axis=(1, 3))
-    coarse = np.divide(even.reshape(blocks).sum(axis=(1, 3)), total, out=np.zeros_like(total), where=total > 0)
-    coarse = push_pull(coarse, total > 0)
-    finer = ndimage.zoom(coarse, 2, order=1, mode="nearest", grid_mode=True)[:height, :width]
-    return np.where(known, image, finer.astype(np.float32))

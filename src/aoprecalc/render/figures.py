@@ -18,7 +18,8 @@ from aoprecalc.mesh.roles import in_poses
 from aoprecalc.mesh.surface import bounding_sphere, positions_of
 from aoprecalc.options import BakeOptions, PreviewOptions
 from aoprecalc.progress import Progress
-from aoprecalc.raster.resolve import ResolvedTexture, lighter_of_sides, pad_and_fill
+from aoprecalc.raster.padding import pad_and_fill
+from aoprecalc.raster.resolve import ResolvedTexture, lighter_of_sides
 from aoprecalc.render.comparison import PAGE, Ticks, contact_sheet, fit_picture, grey_picture, with_scale
 from aoprecalc.render.preview import REACH, Panel, Stage, open_stage
 from aoprecalc.types import Baked, Float64Array, Picture, SphereSet, Texture, TexturedMesh

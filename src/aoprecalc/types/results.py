@@ -72,6 +72,17 @@ class Texels:
 
 
 @dataclass(frozen=True, eq=False)
+class Padding:
+    """The texels around the charts of a texture that have the value of another one, the nearest in a chart.
+
+    texels, sources   (p,) int32: they and the others, row * width + column
+    """
+
+    texels: Int32Array
+    sources: Int32Array
+
+
+@dataclass(frozen=True, eq=False)
 class Texture:
     """A finished ambient-occlusion texture.
 
@@ -79,12 +90,14 @@ class Texture:
     valid    (height, width) bool: texels that the surface covers and whose value was measured
     known    (height, width) bool: texels that have a value before padding: those, and what else a look-up there reads
     vectors  (height, width, 3) float32: the visibility vectors, see `Integrand`, 0 where not known; None unless wanted
+    padding  how the values were padded; None for several textures as one
     """
 
     values: Float32Array
     valid: BoolArray
     known: BoolArray
     vectors: Float32Array | None = None
+    padding: Padding | None = None
 
 
 @dataclass(frozen=True)
