@@ -316,8 +316,8 @@ LAYERS = {"b.usdc": b"PXR-USDC", "wrap.usda": b'#usda 1.0\ndef "a" (references =
 @pytest.mark.parametrize("name", LAYERS)
 @pytest.mark.parametrize(("program", "found"), CHILDREN.values(), ids=CHILDREN)
 def test_a_layer_that_ends_or_stops_usd_does_so_in_a_child(tmp_path, capfd, monkeypatch, name, program, found):
-    monkeypatch.setattr("aoprecalc.io.formats.usd.stage._CHILD", [sys.executable, "-c", program])
-    monkeypatch.setattr("aoprecalc.io.formats.usd.stage._SECONDS", 0.6)
+    monkeypatch.setattr("aoprecalc.io.formats.library_process.LibraryProcess.command", [sys.executable, "-c", program])
+    monkeypatch.setattr("aoprecalc.io.formats.library_process._SECONDS", 0.6)
     (tmp_path / name).write_bytes(LAYERS[name])
     assert list(InputFiles.of(tmp_path / name).files) == [name]
     with pytest.raises(InputError, match=found):

@@ -107,7 +107,8 @@ from pxr import Sdf
 from aoprecalc.io.formats.usd import answer
 Sdf.Layer.Export = lambda *_: os.kill(os.getpid(), 9)
 answer()"""
-    monkeypatch.setattr("aoprecalc.io.formats.usd.stage._CHILD", [sys.executable, "-P", "-c", program])
+    child = "aoprecalc.io.formats.library_process.LibraryProcess.command"
+    monkeypatch.setattr(child, [sys.executable, "-P", "-c", program])
     (tmp_path / "temporary").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     monkeypatch.setattr("tempfile.tempdir", None)

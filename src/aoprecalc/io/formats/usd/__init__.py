@@ -1,30 +1,26 @@
 """USD stages (.usd, .usda, .usdc, .usdz), by usd-core."""
 
-import pickle
-import sys
 from importlib.util import find_spec
 from pathlib import Path
-
-import numpy as np
 
 from aoprecalc.errors import AoprecalcError, InputError
 from aoprecalc.io.formats.base import MeshFormat, MeshWithAo, PartOcclusion, WrittenMesh
 from aoprecalc.io.formats.files import ColorImages
+from aoprecalc.io.formats.library_process import answer_request
 from aoprecalc.io.formats.textures import first_uvs
 from aoprecalc.io.formats.usd.editor import StageEdits, edit_stage
 from aoprecalc.io.formats.usd.reader import read_stage
 from aoprecalc.io.formats.usd.stage import (
+    USD,
     UsdDocument,
-    ask_child,
     is_alone,
     part_source,
     stage_files,
     usd_messages,
-    work_apart,
 )
 from aoprecalc.io.formats.usd.writer import check_source, write_usd
 from aoprecalc.io.outputs import Outputs
-from aoprecalc.subprocesses import ChildTimeoutError, end_with_parent, report_step
+from aoprecalc.subprocesses import ChildTimeoutError, report_step
 from aoprecalc.types import BaseColor, Part, Scene
 
 
@@ -47,7 +43,7 @@ class UsdFormat(MeshFormat):
             raise InputError(f"{path}: USD needs the package usd-core; `pip install 'aoprecalc[usd]'`")
         if is_alone(data):
             return read_stage(path)
-        scene = work_apart(path, len(data), "scene")
+        scene = USD.work(path, len(data), (path, "scene"))
         assert isinstance(scene, Scene)
         return scene
 
@@ -56,8 +52,8 @@ class UsdFormat(MeshFormat):
         if find_spec("pxr") is None or is_alone(data):
             return []
         try:
-            files: tuple[Path, ...] = ask_child(path, len(data), "files")
-        except (ChildTimeoutError, OSError):  # reading it will fail, too, and say why
+            files: tuple[Path, ...] = USD.ask(len(data), (path, "files"))
+        except (AoprecalcError, ChildTimeoutError, OSError):  # reading it will fail, too, and say why
             return []
         return list(files)
 
@@ -108,22 +104,16 @@ def _document(scene: Scene) -> UsdDocument:
 
 
 def answer() -> None:
-    """In the child: send back what the parent asks for: the `files` of a stage, its `scene`, or the stage with edits.
+    """In the child: send back what the parent asks for; see `_made_of`."""
+    answer_request(_made_of)
 
-    In place of it an AoprecalcError may come.
-    """
-    end_with_parent()
-    path, wanted = pickle.loads(sys.stdin.buffer.read())
-    found: object
-    try:
-        with usd_messages(path):
-            found = files = stage_files(path)
-        if wanted != "files":
-            report_step(str(sum(file.stat().st_size for file in (path, *files) if file.is_file())))
-            with np.errstate(all="ignore"):
-                found = edit_stage(path, wanted) if isinstance(wanted, StageEdits) else read_stage(path, files)
-    except AoprecalcError as error:
-        found = () if wanted == "files" else error
-    except Exception as error:
-        sys.exit(" ".join(str(error).split())[:120] or type(error).__name__)
-    sys.stdout.buffer.write(pickle.dumps(found))
+
+def _made_of(request: tuple[Path, object]) -> object:
+    """Return what is wanted of the stage at a path: its `files`, its `scene`, or itself with edits."""
+    path, wanted = request
+    with usd_messages(path):
+        files = stage_files(path)
+    if wanted == "files":
+        return files
+    report_step(str(sum(file.stat().st_size for file in (path, *files) if file.is_file())))
+    return edit_stage(path, wanted) if isinstance(wanted, StageEdits) else read_stage(path, files)

@@ -1,26 +1,21 @@
-"""A USD stage: what is kept of it, its files and messages, and the child process in which USD works on it."""
+"""A USD stage: what is kept of it, its files and messages, and the process in which USD works on it."""
 
-import pickle
 import re
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from aoprecalc.errors import AoprecalcError
 from aoprecalc.io.formats.base import SourceDocument
 from aoprecalc.io.formats.builder import damaged_file
+from aoprecalc.io.formats.library_process import LibraryProcess
 from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.formats.textures import PartSource
 from aoprecalc.io.formats.usd.materials import UsdMaterial
-from aoprecalc.subprocesses import ChildTimeoutError, ask
 from aoprecalc.types import Float64Array, Int64Array
 
-_CHILD = [sys.executable, "-P", "-c", "from aoprecalc.io.formats.usd import answer; answer()"]
-_SECONDS, _BYTES_PER_SECOND = 60.0, 1e6  # for which a child may work
+# Damage in a binary layer may hang or crash USD: another process reads it, and any layer that may refer to one.
+USD = LibraryProcess("USD", "aoprecalc.io.formats.usd")
 _MAX_TOLD = 5  # warnings of USD that are passed on
 
 
@@ -108,34 +103,6 @@ def stage_files(path: Path) -> tuple[Path, ...]:
     return tuple(file for file in files if file.absolute() != path.absolute())
 
 
-# Damage in a binary layer may hang or crash USD, so that another process reads it, and any layer that may refer to one.
-
-
 def is_alone(data: bytes) -> bool:
     """Tell whether it is a text layer without the path of any other file; these stand between @."""
     return data.startswith(b"#usda") and b"@" not in data
-
-
-def work_apart(path: Path, size: int, wanted: object) -> Any:
-    """Return what a child makes of a stage of `size` bytes, see `answer`; raises InputError where it cannot."""
-    try:
-        found = ask_child(path, size, wanted)
-    except ChildTimeoutError as error:
-        raise damaged_file(path, f"USD gave {error}") from error
-    except OSError as error:
-        raise damaged_file(path, f"USD could not read it ({error})") from error
-    if isinstance(found, AoprecalcError):
-        raise found
-    return found
-
-
-def ask_child(path: Path, size: int, wanted: object) -> Any:
-    """Return the child's answer; its time depends on the bytes of the file and, once known, of those it refers to."""
-    started = time.monotonic()
-
-    def limit(step: str) -> None:
-        seconds = _SECONDS + (int(step) if step.isdigit() else size) / _BYTES_PER_SECOND
-        if time.monotonic() - started > seconds:
-            raise ChildTimeoutError(round(seconds), step)
-
-    return pickle.loads(ask(_CHILD, pickle.dumps((path, wanted)), limit))

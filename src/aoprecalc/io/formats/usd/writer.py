@@ -20,7 +20,7 @@ from aoprecalc.io.formats.files import UDIM, TextureCopies
 from aoprecalc.io.formats.polygons import Polygons
 from aoprecalc.io.formats.usd.editor import NEW_UVS, EditedStage, MaterialUse, MeshEdit, StageEdits
 from aoprecalc.io.formats.usd.shading import BakedTexture
-from aoprecalc.io.formats.usd.stage import UsdDocument, part_source, work_apart
+from aoprecalc.io.formats.usd.stage import USD, UsdDocument, part_source
 from aoprecalc.io.images import png_bytes, read_image
 from aoprecalc.io.outputs import Outputs, relative_path
 from aoprecalc.mesh.surface import normalize
@@ -125,7 +125,7 @@ def _edit(mesh: MeshWithAo, texture: str, suffix: str, moved: dict[str, str]) ->
     size = scene.path.stat().st_size + sum(edit.corners.nbytes for edit in meshes)
     with TemporaryDirectory() as folder:
         edits = StageEdits(meshes, uses, baked, Path(folder) / f"layer{suffix}", moved)
-        edited = work_apart(scene.path, size, edits)
+        edited = USD.work(scene.path, size, (scene.path, edits))
     assert isinstance(edited, EditedStage)
     return EditedStage(edited.layer, edited.materials, (*edited.messages, *cut))
 
