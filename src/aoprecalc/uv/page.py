@@ -22,7 +22,7 @@ _LEVELS = 7  # of squares whose places are known, 1 to 64 cells a side
 _BAND = 64  # rows of the page looked at together
 _CHUNK = 2048  # places tested together
 _TESTS = 4096  # cells tested together, at least
-_CLASSES = 3  # of widths, and of heights, in a factor of two: a chart is looked for no lower than the last of its class
+_CLASSES = 3  # of widths, and of heights, in a factor of two
 
 
 class _Shape(NamedTuple):
@@ -113,7 +113,7 @@ class Page:
         for level, occupied in enumerate(self._occupied):
             side = 1 << level
             occupied[: max(0, rows - side + 1), : max(0, columns - side + 1)] = False
-        self._lowest: dict[tuple[int, int], int] = {}  # by class of shape: the row at which the last one was put
+        self._first_row: dict[tuple[int, int], int] = {}  # by size class: where its next chart is looked for
 
     def place(self, masks: list[BoolArray], tick: Tick | None = None) -> IntArray | None:
         """Place all charts, largest first: (n, 3) rows, columns and quarter turns; None where one does not fit.
@@ -153,7 +153,7 @@ class Page:
         stride = taken.shape[1]
         cells = taken.reshape(-1)
         outline = shape.outline[0] * stride + shape.outline[1]
-        for first in range(self._lowest.get(size_class, 0), stop, _BAND):
+        for first in range(self._first_row.get(size_class, 0), stop, _BAND):
             band = squares[first + shape.square[0] : min(first + _BAND, stop) + shape.square[0]]
             free = np.flatnonzero(~band[:, shape.square[1] : shape.square[1] + width])
             row, column = np.divmod(free, width)
@@ -162,7 +162,7 @@ class Page:
                 for place in _fitting(cells, places[start : start + _CHUNK], outline).tolist():
                     row, column = divmod(place, stride)
                     if not (taken[row : row + rows, column : column + columns] & shape.mask).any():
-                        self._lowest[size_class] = row
+                        self._first_row[size_class] = row
                         return row, column
         return None
 
