@@ -243,6 +243,7 @@ def test_arrays_from_python():
     assert result.bent_normals.dtype == result.sh.dtype == np.float32
     assert np.linalg.norm(result.bent_normals[result.valid], axis=1) == pytest.approx(1, abs=1e-5)
     assert (result.sh[..., 0] == result.ao).all()
+    assert result.sh is result.sh
     assert ao.bake(ao.Mesh(*ball(2)), ao.BakeOptions(size=64, directions=64)).sh is None
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from aoprecalc.api.bake_files import BakeFiles, Output, plan_bake
 from aoprecalc.api.bake_report import bake_report
 from aoprecalc.api.bake_textures import BakedTexture, BakedTextures, bake_textures
-from aoprecalc.api.bent_normals import DIRECTIONAL
+from aoprecalc.api.bent_normals import bent_normals, spherical_harmonics
 from aoprecalc.api.high_to_low import detailed_meshes, names_of
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
 from aoprecalc.api.reports import BakeOutputs, BakeReport
@@ -54,14 +54,8 @@ class BakeResult:
     vertex_ao : ndarray, (F, 3) float32, or None
         Ambient occlusion in [0, 1] at the corners of the faces, equal at corners of one position and shading normal:
         the values whose interpolation over the faces is nearest to the texture. None without the option `vertex_ao`.
-    bent_normals : ndarray, (H, W, 3) float32, or None
-        Unit vectors in the coordinates of the mesh: the mean of the visible directions, weighted as in the AO; where
-        nothing is visible, the shading normal. Padded and filled as `ao`. None without the option `bent_normals`.
-    sh : ndarray, (H, W, 4) float32, or None
-        Visibility in spherical harmonics of degree 1: the AO and a vector C. Where the light from each unit vector w is
-        L0 + L1.w, a point gets AO L0 + C.L1 of it. None without the option `bent_normals`.
     textures : tuple of BakedTexture
-        Each texture by itself; one, unless the option `textures` asks for several, or the UVs lie on UDIM tiles.
+        Each by itself; one, unless the option `textures` asks for several, or the UVs lie on UDIM tiles.
     """
 
     ao: Float32Array = field(repr=False)
@@ -69,11 +63,25 @@ class BakeResult:
     mesh: BakedMesh
     report: BakeReport
     vertex_ao: Float32Array | None = field(repr=False)
-    bent_normals: Float32Array | None = field(repr=False)
-    sh: Float32Array | None = field(repr=False)
     textures: tuple[BakedTexture, ...] = field(repr=False)
     _bake: BakedTextures = field(repr=False)
     _options: BakeOptions = field(repr=False)
+
+    @cached_property
+    def bent_normals(self) -> Float32Array | None:
+        """(H, W, 3) float32 unit vectors in the mesh's coordinates, padded as `ao`; None without that option.
+
+        The mean of the visible directions, weighted as in the AO; where nothing is visible, the shading normal.
+        """
+        return self._bake.each(bent_normals, self._options) if self._options.bent_normals else None
+
+    @cached_property
+    def sh(self) -> Float32Array | None:
+        """(H, W, 4) float32, visibility in spherical harmonics of degree 1; None without the option `bent_normals`.
+
+        The AO and a vector C: where the light from each unit vector w is L0 + L1.w, a point gets AO L0 + C.L1 of it.
+        """
+        return self._bake.each(spherical_harmonics, self._options) if self._options.bent_normals else None
 
     @names_extensions
     def save(
@@ -213,10 +221,6 @@ class BakeResult:
             If `direction` is not three finite numbers, or is 0.
         RendererError
             If there is no way to render, see `doctor`.
-
-        Examples
-        --------
-        >>> result.figures((0, 1, 0)).save("figures/")  # doctest: +SKIP
         """
         from aoprecalc.api.figures import figures_of_bake
 
@@ -284,18 +288,14 @@ def bake(
         mesh, details = as_mesh(mesh), detailed_meshes(high, options)
     options = replace(options, high=names_of(details)) if details else options
     bake = bake_textures(mesh._scene, options, progress, timer, high=details)
-    baked = bake.whole
-    errors = _measure(baked, baked.texture.values, options, progress, timer) if verify else None
+    baked, texture = bake.whole, bake.whole.texture
+    errors = _measure(baked, texture.values, options, progress, timer) if verify else None
     messages = (*_messages(baked), *(_notes_on_shared_uvs(baked) if verify else ()))
     report = bake_report(baked, options, BakeOutputs(), errors, timer.seconds(), messages, bake.named)
     tell(progress, messages)
-    ao = baked.texture.values
     textured = BakedMesh.of(mesh, baked, output_uvs(baked.scene, baked.atlas))
-    bent = sh = None
-    if options.bent_normals:
-        bent, sh = (bake.join([make(each.baked, options) for each in bake.textures]) for make in DIRECTIONAL)
-    textures = tuple(texture.result() for texture in bake.textures)
-    return BakeResult(ao, baked.texture.valid, textured, report, baked.vertex_ao, bent, sh, textures, bake, options)
+    textures = tuple(each.result() for each in bake.textures)
+    return BakeResult(texture.values, texture.valid, textured, report, baked.vertex_ao, textures, bake, options)
 
 
 # From file to files, as the command line and the batch do it.

@@ -4,7 +4,7 @@ All parts of the scene occlude in the bake of each texture; only the faces that 
 """
 
 import re
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -111,6 +111,10 @@ class BakedTextures:
     def join(self, values: Sequence[Float32Array]) -> Float32Array:
         """Return values of the textures, each (height, width) or (height, width, channels), as one for `whole`."""
         return values[0] if len(self.textures) == 1 else _stack_of(self.textures, self.owners).join(values)
+
+    def each(self, make: Callable[[Baked, BakeOptions], Float32Array], options: BakeOptions) -> Float32Array:
+        """Return what is made of each bake, as one for `whole`."""
+        return self.join([make(texture.baked, options) for texture in self.textures])
 
 
 def bake_textures(

@@ -49,9 +49,6 @@ def spherical_harmonics(baked: Baked, options: BakeOptions, space: BentSpace = "
     return np.concatenate([baked.texture.values[..., None], vectors], axis=-1)
 
 
-DIRECTIONAL = bent_normals, spherical_harmonics  # what Python gets
-
-
 def bent_picture(baked: Baked, options: BakeOptions) -> Float32Array:
     """Return the pixels of a picture of bent normals, (height, width, 3) float32 in [-1, 1]."""
     return _with_green(bent_normals(baked, options, options.bent_space), options)
