@@ -23,6 +23,7 @@ _MAKE: dict[Directions, Callable[[Baked, BakeOptions], Float32Array]] = {
     "spherical harmonics": harmonics_picture,
 }
 _COPY = ".png"
+_COMPRESSION = 4  # of PNG: a third of the time that 6 takes, and 7% larger
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def write_pictures(
 
 def _write(path: Path, pixels: Float32Array, options: BakeOptions) -> None:
     depth = _depth(path, options)
-    write_image(path, pixels if depth in ("half", "float") else encoded(pixels), depth)
+    write_image(path, pixels if depth in ("half", "float") else encoded(pixels), depth, compression=_COMPRESSION)
 
 
 def _depth(path: Path, options: BakeOptions) -> Depth:

@@ -82,17 +82,27 @@ def choose_bit_depth(path: str | PathLike[str], bit_depth: BitDepth) -> Depth:
     return bit_depth
 
 
-def write_image(path: str | PathLike[str], values: Float32Array, bit_depth: BitDepth = "auto", text: str = "") -> None:
+def write_image(
+    path: str | PathLike[str],
+    values: Float32Array,
+    bit_depth: BitDepth = "auto",
+    text: str = "",
+    *,
+    compression: int | None = None,
+) -> None:
     """Write an image in the format of the extension; equal values and texts give equal bytes.
 
-    values   (height, width) or (height, width, channels) float32; row 0 is the top row
-    text     ASCII, at most MAX_TEXT characters, which `read_text` returns; left out where the format holds none
+    values        (height, width) or (height, width, channels) float32; row 0 is the top row
+    text          ASCII, at most MAX_TEXT characters, which `read_text` returns; left out where the format holds none
+    compression   of PNG, from 0 to 9, which gives the smallest files and takes longest; None: 6
 
     Raises UsageError as `choose_bit_depth` does, and OutputError where it cannot be written.
     """
     depth = choose_bit_depth(path, bit_depth)
     pixels = np.atleast_3d(quantize(values, depth))
-    _write(path, pixels, depth, space="data", text=text)  # otherwise OpenImageIO tags PNG as sRGB
+    _write(
+        path, pixels, depth, space="data", text=text, compression=compression
+    )  # otherwise OpenImageIO tags PNG as sRGB
 
 
 def png_bytes(values: Float32Array, text: str = "") -> bytes:
@@ -161,13 +171,20 @@ def _write_webp(path: str | PathLike[str], pictures: Sequence[Picture], **settin
         raise OutputError(f"{path}: the picture cannot be written ({error}); choose another output") from error
 
 
-def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space: str, text: str = "") -> None:
+def _write(
+    path: str | PathLike[str],
+    pixels: NDArray[Any],
+    depth: Depth,
+    space: str,
+    text: str = "",
+    compression: int | None = None,
+) -> None:
     import OpenImageIO
 
     if not _is_text(path):
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / f"image{Path(path).suffix}"
-            _write(copy, pixels, depth, space, text)
+            _write(copy, pixels, depth, space, text, compression)
             try:
                 shutil.copyfile(copy, path)
             except OSError as error:
@@ -180,6 +197,8 @@ def _write(path: str | PathLike[str], pixels: NDArray[Any], depth: Depth, space:
     spec.attribute("oiio:ColorSpace", space)
     if space == "data":
         spec.attribute("oiio:UnassociatedAlpha", 1)  # else PNG divides the others by a fourth channel
+    if compression is not None:
+        spec.attribute("png:compressionLevel", compression)
     suffix = Path(path).suffix.lower()
     if suffix in _DATED:
         spec.attribute("DateTime", _FIXED_DATE)
@@ -197,7 +216,9 @@ def quantize(values: Float32Array, depth: Depth) -> NDArray[Any]:
     if depth == "half":
         return np.asarray(values, dtype=np.float16)
     maximum = 255 if depth == "8" else 65535
-    scaled = np.floor(np.clip(values, 0.0, 1.0).astype(np.float64) * maximum + 0.5)
+    scaled = np.clip(values, 0.0, 1.0).astype(np.float64)
+    scaled *= maximum
+    scaled += 0.5  # rounded down by the conversion
     return scaled.astype(np.uint8 if depth == "8" else np.uint16)
 
 
