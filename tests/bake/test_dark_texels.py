@@ -15,7 +15,7 @@ from aoprecalc.visibility import dark_texels
 from shapes import ball, box, cap, join, quad, scene, scene_of_parts, spun
 
 backends = pytest.mark.parametrize("backend", ["gl", "ray"])
-CAUSES = ("inside", "inwards", "on_ground", "above_ground", "narrow")
+CAUSES = ("inside", "inwards", "below_ground", "on_ground", "above_ground", "narrow")
 
 
 def bake(made, backend="ray", **options):

@@ -1,5 +1,7 @@
 """The endless ground plane at a height of its own, against closed forms, by depth maps and by rays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,9 +38,11 @@ def test_what_lies_below_the_ground_is_dark(backend):
     np.testing.assert_allclose(baked.texture.values[:7], 0.5, atol=0.01)
     assert (baked.texture.values[9:] < 0.01).all()
     assert baked.warnings == (
-        "50.0% of texels lie below the ground at 1 and are dark; the lowest point is at 0, use a --ground-height of "
-        "at most that",
+        "50.0% of texels lie below the ground at 1 and are dark: the mesh reaches from 0 to 2 along z; use a "
+        "--ground-height of at most 0",
     )
+    assert not [line for line in baked.notes if "ground" in line or "dark" in line]
+    assert baked.dark.below_ground == pytest.approx(0.5, abs=0.05)
     found = measure_texture(
         baked.scene,
         baked.atlas,
@@ -51,6 +55,21 @@ def test_what_lies_below_the_ground_is_dark(backend):
     away = np.abs(found.uvs[:, 1] - 0.5) > 1 / 16
     assert np.abs(found.errors[away]).max() < 0.03
     assert baked.options.ground_height == 1
+
+
+def test_a_mesh_below_the_ground_is_told_in_one_line():
+    options = {**OPTIONS, "up": "auto", "directions": 64, "backend": "ray"}
+    baked = bake_scene(wall(), BakeOptions(**options, ground_height=3))
+    (line,) = (line for line in (*baked.warnings, *baked.notes) if "ground" in line or "dark" in line)
+    assert line == (
+        "100.0% of texels lie below the ground at 3 and are dark: the mesh reaches from 0 to 0 along y; use a "
+        "--ground-height of at most 0, or name another axis with --up"
+    )
+    known = bake_scene(replace(wall(), up="z"), BakeOptions(**options, ground_height=3))
+    assert known.warnings == (
+        "100.0% of texels lie below the ground at 3 and are dark: the mesh reaches from 0 to 2 along z; use a "
+        "--ground-height of at most 0",
+    )
 
 
 @pytest.mark.parametrize("backend", ["gl", "ray"])

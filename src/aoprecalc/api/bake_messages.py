@@ -65,8 +65,9 @@ def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]
             f"{counted(atlas.charts, 'chart')}, and room for gutters of {gutters} only: charts may mix "
             "from mip level 1 on. Use a larger --size for wider gutters."
         )
-    lines += _warnings_on_buried(scene, texels)
-    return [*lines, *_notes_on_ground(baked), *_messages_on_dark_texels(baked, options, surroundings)]
+    buried = _warnings_on_buried(scene, options, texels)
+    lines += buried or _notes_on_ground(baked)
+    return [*lines, *_messages_on_dark_texels(baked, options, surroundings, buried=bool(buried))]
 
 
 def _notes_on_materials(scene: Scene) -> list[Note]:
@@ -208,7 +209,7 @@ def _parts_with_few_texels(baked: Baked, texels: Float64Array) -> Iterator[tuple
                 yield part.name, own
 
 
-def _warnings_on_buried(scene: Scene, texels: Float64Array) -> list[str]:
+def _warnings_on_buried(scene: Scene, options: BakeOptions, texels: Float64Array) -> list[str]:
     """Warn of what lies below the ground; `texels` are the (f,) areas of the faces in the texture."""
     if scene.ground_normal is None or scene.ground_height is None:
         return []
@@ -216,9 +217,12 @@ def _warnings_on_buried(scene: Scene, texels: Float64Array) -> list[str]:
     share = float(texels @ (heights.mean(axis=1) < scene.ground_height)) / max(float(texels.sum()), 1e-30)
     if share < _MIN_CAUSE:
         return []
-    lowest = float(heights[scene.receives].min())
+    low, high = float(heights[scene.receives].min()), float(heights[scene.receives].max())
+    axis = "xyz"[int(np.argmax(scene.ground_normal))]
     found = f"{share:.1%} of texels lie below the ground at {scene.ground_height:g} and are dark"
-    return [f"{found}; the lowest point is at {lowest:g}, use a --ground-height of at most that"]
+    reach = f"the mesh reaches from {low:g} to {high:g} along {axis}"
+    other = ", or name another axis with --up" if options.up == "auto" and scene.up is None and share >= _MANY else ""
+    return [f"{found}: {reach}; use a --ground-height of at most {low:g}{other}"]
 
 
 def _notes_on_ground(baked: Baked) -> list[Note]:
@@ -255,8 +259,10 @@ def ground_alone(baked: Baked) -> float | None:
     return float((areas * (1 + upward) / 2).sum() / max(areas.sum(), 1e-30))
 
 
-def _messages_on_dark_texels(baked: Baked, options: BakeOptions, surroundings: Part | None) -> list[str]:
-    """Return what keeps texels dark; `surroundings` are told already, with what to do."""
+def _messages_on_dark_texels(
+    baked: Baked, options: BakeOptions, surroundings: Part | None, *, buried: bool
+) -> list[str]:
+    """Return what keeps texels dark; `surroundings` and what is `buried` are told already, with what to do."""
     dark, parts = baked.dark, baked.dark.parts
     named = surroundings is not None and any(part.name == surroundings.name for part in parts)
     may_be_flipped, encloses = not named and not options.two_sided, dark.inside >= _MIN_DARK
@@ -264,13 +270,14 @@ def _messages_on_dark_texels(baked: Baked, options: BakeOptions, surroundings: P
         return [
             "the mesh is closed and its faces point inwards: its inside was baked; flip the faces, or use --two-sided"
         ]
-    if dark.share < _MIN_DARK:
+    if dark.share - (dark.below_ground if buried else 0) < _MIN_DARK:
         return []
     facing_inwards = _percentages((part.name, part.inwards) for part in parts if part.inwards >= part.inside)
     enclosed = _percentages((part.name, part.inside) for part in parts if part.inside > part.inwards)
     causes = [
         (dark.inside, f"enclosed, as inside another part or touching one{enclosed}"),
         (dark.inwards, f"facing inwards{facing_inwards}"),
+        (dark.below_ground, "below the ground"),
         (dark.on_ground, "resting on the ground"),
         (dark.above_ground, "facing the ground"),
         (dark.narrow, "in narrow gaps"),

@@ -156,7 +156,7 @@ def _size_choice(baked: Baked, options: BakeOptions) -> SizeChoice | None:
 def _dark_texel_shares(dark: DarkTexels) -> DarkTexelShares | None:
     if not dark.samples:
         return None
-    names = ("inside", "inwards", "on_ground", "above_ground", "narrow")
+    names = ("inside", "inwards", "below_ground", "on_ground", "above_ground", "narrow")
     shares = {name: round(getattr(dark, name), 6) for name in names}
     parts = tuple(DarkPartShares(part.name, round(part.inside, 6), round(part.inwards, 6)) for part in dark.parts)
     return DarkTexelShares(**shares, parts=parts, samples=dark.samples)

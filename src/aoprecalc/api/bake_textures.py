@@ -319,7 +319,7 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
 
 def _dark_of_all(bakes: Sequence[Baked]) -> DarkTexels:
     weights = np.array([np.count_nonzero(baked.texture.valid) for baked in bakes], np.float64)
-    names = ("share", "inside", "inwards", "on_ground", "above_ground", "narrow")
+    names = ("share", "inside", "inwards", "below_ground", "on_ground", "above_ground", "narrow")
     means = {name: float(np.average([getattr(baked.dark, name) for baked in bakes], weights=weights)) for name in names}
     parts = tuple(part for baked in bakes for part in baked.dark.parts)
     return DarkTexels(**means, samples=sum(baked.dark.samples for baked in bakes), parts=parts)

@@ -33,6 +33,7 @@ _TIMES = ("seconds",)  # figures that differ from run to run
 _CAUSES = {
     "inside": "enclosed",
     "inwards": "facing inwards",
+    "below_ground": "below the ground",
     "on_ground": "resting on the ground",
     "above_ground": "facing the ground",
     "narrow": "in narrow gaps",

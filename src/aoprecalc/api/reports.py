@@ -203,6 +203,7 @@ class DarkTexelShares(Report):
 
     inside         enclosed: neither side sees out, as inside another part or where parts touch
     inwards        only the back of the face sees out: flip these faces, or bake two-sided
+    below_ground   below the ground, whose height is given
     on_ground      facing the ground and resting on it
     above_ground   facing the ground, from above it
     narrow         in a gap or hollow out of which less than 1% is seen
@@ -212,6 +213,7 @@ class DarkTexelShares(Report):
 
     inside: float
     inwards: float
+    below_ground: float
     on_ground: float
     above_ground: float
     narrow: float

@@ -116,6 +116,7 @@ class DarkTexels:
     share          all of them; samples: from how many of them rays were cast, 0 where no causes were looked for
     inside         enclosed: neither side sees out, as inside another part or where parts touch
     inwards        only the back of the face sees out
+    below_ground   below the ground, whose height is given
     on_ground      facing the ground and resting on it; above_ground: from above, nothing else keeps the light away
     narrow         in a gap or hollow out of which less than 1% is seen
     parts          those of which at least half is enclosed or faces inwards, those with the most such texels first
@@ -125,6 +126,7 @@ class DarkTexels:
     samples: int = 0
     inside: float = 0.0
     inwards: float = 0.0
+    below_ground: float = 0.0
     on_ground: float = 0.0
     above_ground: float = 0.0
     narrow: float = 0.0

@@ -42,7 +42,7 @@ _MAX_TEXELS = 1 << 15  # from which the texels of each part are estimated
 _MIN_SAMPLES = 10  # of a part, of either kind: parts with fewer are not named
 _DIRECTIONS = 128  # on the whole sphere, from each
 _OPEN_BACK = 0.05  # cosine-weighted share of the rays from the back that leave the scene, from which it faces outwards
-_ON_GROUND = 1e-3  # height above the lowest point, over the bounding radius, up to which a surface rests on the ground
+_ON_GROUND = 1e-3  # height above or below the ground, over the bounding radius, up to which a surface rests on it
 _MIN_PART = 0.5  # of a part's texels: parts of which less is enclosed or faces inwards are not named
 
 
@@ -90,32 +90,34 @@ def _causes(setup: BakeSetup, faces: Int32Array, weights: Float32Array) -> dict[
     surfaces, threads = setup.sides[0].surfaces, setup.inputs.options.threads
     seen = [_open_shares(surface, faces, weights, threads) for surface in surfaces]
     front, back = (np.mean(shares, axis=0) for shares in list(zip(*seen, strict=True))[:2])
+    height = np.max([heights for _, _, heights in seen], axis=0)
     by_ground = (front >= DARK) & (surfaces[0].ground_normal is not None)
-    on_ground = by_ground & np.all([resting for _, _, resting in seen], axis=0)
+    below_ground, above_ground = by_ground & (height < -_ON_GROUND), by_ground & (height > _ON_GROUND)
     inwards = (front < DARK) & (back >= _OPEN_BACK)
     inside = ~inwards & (front == 0)
     return {
         "inside": inside,
         "inwards": inwards,
-        "on_ground": on_ground,
-        "above_ground": by_ground & ~on_ground,
+        "below_ground": below_ground,
+        "on_ground": by_ground & ~below_ground & ~above_ground,
+        "above_ground": above_ground,
         "narrow": ~(inside | inwards | by_ground),
     }
 
 
 def _open_shares(
     surface: NormalizedSurface, faces: Int32Array, weights: Float32Array, threads: int
-) -> tuple[Float64Array, Float64Array, BoolArray]:
-    """Return how open k surface points are to the front and to the back without the ground, and which rest on it."""
-    front, back, resting = np.zeros(len(faces)), np.zeros(len(faces)), np.zeros(len(faces), bool)
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return how open k surface points are to the front and to the back without the ground, and how high over it."""
+    front, back, height = np.zeros((3, len(faces)))
     for own, rows, own_faces in surface.by_group(faces):
-        front[rows], back[rows], resting[rows] = _open_to(own, own_faces, weights[rows], threads)
-    return front, back, resting
+        front[rows], back[rows], height[rows] = _open_to(own, own_faces, weights[rows], threads)
+    return front, back, height
 
 
 def _open_to(
     surface: NormalizedSurface, faces: NDArray[np.integer], weights: Float32Array, threads: int
-) -> tuple[Float64Array, Float64Array, BoolArray]:
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return what `_open_shares` does, for points that all of the surface may occlude."""
     points, normals, geometric = surface.interpolate(faces, weights)
     axes = light_axes(_DIRECTIONS)
@@ -130,11 +132,9 @@ def _open_to(
         shares: Float64Array = (weight * leaves).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
         return shares
 
-    resting: BoolArray = np.zeros(len(faces), bool)
-    if surface.ground_normal is not None:
-        resting = points @ np.asarray(surface.ground_normal) <= surface.ground_height + _ON_GROUND
+    height = points @ np.asarray(surface.ground_normal or (0.0, 0.0, 0.0)) - surface.ground_height
     front = open_share(np.where(cosines > 0, np.maximum(normals @ directions.T, 0), 0))
-    return front, open_share(np.maximum(-cosines, 0)), resting
+    return front, open_share(np.maximum(-cosines, 0)), height
 
 
 def _dark_parts(
