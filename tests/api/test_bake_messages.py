@@ -115,3 +115,14 @@ def test_the_inner_side_of_a_bowl_is_light_through_backs():
     ]
     assert means[:3] == pytest.approx([means[0]] * 3, abs=0.01)
     assert means[3] > means[0] + 0.1
+
+
+def test_options_of_bent_normals_alone_are_told():
+    def told(**options):
+        return [line for line in bake(scene(*STOOL), **options).notes if "no effect" in line]
+
+    assert told(green="down") == ["--green has no effect without --bent-normals or --sh"]
+    assert told(bent_space="world", green="down") == [
+        "--bent-space and --green have no effect without --bent-normals or --sh"
+    ]
+    assert told(bent_space="tangent", green="up") == told(green="down", bent_normals=True) == []

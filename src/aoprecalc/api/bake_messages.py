@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from aoprecalc.errors import counted, listed, one_or_many
+from aoprecalc.errors import counted, listed, one_or_many, option_name
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, default_crease_angle, geometric_normals, share_at_bends
@@ -25,6 +25,8 @@ _MANY = 0.5  # of the texels: a warning where as many are enclosed, or face the 
 _BEND, _MIN_BENT = 40.0, 0.1  # degrees; share of the surface along edges that bend more: they may be meant to be hard
 _FEW_TEXELS = 64  # 8 x 8
 _ONE_VALUE = 0.1  # by which the AO of a part may differ and still count as one value
+
+_OF_DIRECTIONS = "bent_space", "green"  # options of bent normals and spherical harmonics
 
 _Value = TypeVar("_Value")
 
@@ -52,6 +54,7 @@ def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]
     lines: list[str] = [*_notes_on_materials(scene), *_notes_on_names(scene)]
     if baked.directions - 1 == options.directions:
         lines.append(Note(f"{baked.directions} directions instead of {options.directions}: they come in pairs"))
+    lines += _notes_on_unused_options(options)
     lines += _notes_on_normals(scene, options)
     lines += _warnings_on_backs(scene, options)
     lines += _warn_of_error(baked, options)
@@ -93,6 +96,19 @@ def _notes_on_names(scene: Scene) -> list[Note]:
         what = one_or_many(len(hulls), "a collision hull", "collision hulls")
         lines.append(Note(f"{_list(hulls)} {what}: neither baked nor in the way of light; see --all-parts"))
     return lines
+
+
+def _notes_on_unused_options(options: BakeOptions) -> list[Note]:
+    """Note that options of pictures were given which are not asked for."""
+    unused = (
+        []
+        if options.bent_normals
+        else [name for name in _OF_DIRECTIONS if getattr(options, name) != getattr(BakeOptions, name)]
+    )
+    if not unused:
+        return []
+    names, have = " and ".join(map(option_name, unused)), one_or_many(len(unused), "has", "have")
+    return [Note(f"{names} {have} no effect without --bent-normals or --sh")]
 
 
 def _notes_on_normals(scene: Scene, options: BakeOptions) -> list[Note]:
