@@ -156,6 +156,18 @@ def test_materials_of_one_name_have_textures_of_their_own(tmp_path):
     assert [path.name for path in files.textures] == ["out_ao.paint.png", "out_ao.Paint_2.png"]
 
 
+def test_a_part_that_is_large_in_its_own_texture_alone_is_no_sky(tmp_path):
+    hubs = [(f"hub {number}", "steel", box((number, -1, 0), (number + 0.2, -0.8, 0.2))) for number in range(6)]
+    body = "body", "paint", box((0, 0, 0), (4, 4, 4))
+    found = {}
+    for name, shape in (("rack", box((0, 0, 4.2), (4, 1, 4.3))), ("sky", box((-40, -40, -40), (40, 40, 40)))):
+        path = obj_room(tmp_path / f"{name}.obj", (*hubs, body, (name, "steel", shape)), ("paint", "steel"))
+        report = ao.bake(path, BakeOptions(textures="material", normals="flat", **FEW)).report
+        found[name] = [line for line in report.warnings if "far larger than the rest" in line]
+    assert found["rack"] == []
+    assert [line.startswith("steel: 'sky': ") for line in found["sky"]] == [True]
+
+
 def test_the_same_input_gives_the_same_bytes(room, tmp_path):
     written = []
     for folder in ("a", "b"):

@@ -1,6 +1,7 @@
 """What a bake tells the user: warnings of what may need an action, notes of the rest."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -60,7 +61,7 @@ def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]
     lines += _warn_of_error(baked, options)
     lines += _warnings_on_uvs(scene, atlas, overlap)
     texels = doubled_uv_areas(atlas.uvs) / 2 * atlas.mapped * baked.texture.values.size
-    surroundings = None if atlas.method == "keep" else surrounding_part(scene, texels)
+    surroundings = None if atlas.method == "keep" else _surroundings(scene, texels)
     lines += _warnings_on_few_texels(baked, texels, surroundings)
     if has_narrow_gutters(atlas, options.padding):
         gutters = counted(atlas.gutter or 0, "texel")
@@ -190,6 +191,18 @@ def _warnings_on_uvs(scene: Scene, atlas: Atlas, overlap: float) -> list[str]:
         own = "they have the value of one of them"
         lines.append(f"{least} of the texels lie inside two faces: {whose if kept else own}")
     return lines
+
+
+def _surroundings(scene: Scene, texels: Float64Array) -> Part | None:
+    """Return the part that leaves the others little of the texture, as it is far larger than all that is baked.
+
+    texels   (f,) the area of each face in the texture, which may be one of several: see `Scene.baked_only`
+    """
+    largest = surrounding_part(scene, texels)
+    if largest is None or scene.baked_only is None:
+        return largest
+    areas = np.linalg.norm(area_vectors(scene.corners), axis=1)
+    return largest if surrounding_part(scene, areas * replace(scene, baked_only=None).receives) is largest else None
 
 
 def _warnings_on_few_texels(baked: Baked, texels: Float64Array, surroundings: Part | None) -> list[str]:
