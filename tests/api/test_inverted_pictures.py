@@ -13,6 +13,7 @@ from aoprecalc.api.report_assets import AssetFiles
 from aoprecalc.api.report_contents import read_asset
 from aoprecalc.errors import UsageError
 from aoprecalc.io import find_occlusion, load_scene
+from api.test_several_textures import udim_obj
 from shapes import join, quad, torus
 
 SMALL = {"size": 64, "directions": 64, "backend": "ray", "threads": 1}
@@ -166,3 +167,31 @@ def test_a_batch_inverts(command, tmp_path):
     assert done.returncode == 0, done.stderr
     names = sorted(path.name for path in (tmp_path / "out").iterdir() if path.suffix in (".png", ".ply"))
     assert names == ["ring_ao.ply", "ring_ao.png", "ring_ao_open.png"]
+
+
+@pytest.mark.parametrize(("suffix", "several"), [(".png", False), (".tga", False), (".png", True), (".tga", True)])
+def test_messages_count_the_pictures(ring, tmp_path, suffix, several):
+    mesh = ring
+    if several:
+        mesh = udim_obj(tmp_path / "ring.obj")
+    made = ao.bake(mesh, ao.BakeOptions(**SMALL, invert=True))
+    files = made.save(tmp_path / f"out{suffix}", mesh_output=tmp_path / "out.obj", report=tmp_path / "out.json")
+    report = json.loads((tmp_path / "out.json").read_text())
+    (note,) = [line for line in report["notes"] if "1 - AO" in line]
+    warnings = [line for line in report["warnings"] if "inverted" in line]
+    if several:
+        first, others = f"{files.textures[0]} and 2 others", "out_open.1001.png and 2 others"
+        assert note == f"{first} hold the occlusion, 1 - AO; {files.mesh} refers to {others}, of the AO"
+        expected = f"{first} cannot say that they are inverted: other commands will take them for AO; write a .png"
+    else:
+        assert note == f"{files.texture} holds the occlusion, 1 - AO; {files.mesh} refers to out_open.png, of the AO"
+        expected = f"{files.texture} cannot say that it is inverted: other commands will take it for AO; write a .png"
+    assert warnings == ([expected] if suffix == ".tga" else [])
+
+
+@pytest.mark.slow
+def test_the_command_says_that_a_picture_is_inverted(command, tmp_path):
+    trimesh.Trimesh(*torus(around=12, across=6), process=False).export(tmp_path / "ring.ply")
+    words = "bake", tmp_path / "ring.ply", "-o", tmp_path / "out.png", "--size", 32, "-n", 64, "--backend", "ray"
+    lines = [command(*words, *more).stdout.splitlines()[0] for more in ((), ("--invert",))]
+    assert ["32 x 32, inverted (1 - AO), mean AO" in line for line in lines] == [False, True]

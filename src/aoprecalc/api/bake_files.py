@@ -10,7 +10,7 @@ from aoprecalc.api.bake_textures import BakedTextures, TextureBake
 from aoprecalc.api.directional_files import WrittenPictures, write_pictures
 from aoprecalc.api.reports import AoReference, BakeOutputs
 from aoprecalc.api.textured_surface import verify_words
-from aoprecalc.errors import ArgumentError, UsageError, counted
+from aoprecalc.errors import ArgumentError, UsageError, counted, one_or_many
 from aoprecalc.io import (
     IMAGE_EXTENSIONS,
     OUTPUT_MESH_EXTENSIONS,
@@ -271,12 +271,23 @@ def _messages_on_inversion(
     textures: Sequence[Path], mesh: Path, shown: Sequence[MeshTexture], *, readable: bool
 ) -> tuple[str, ...]:
     """Tell which pictures are inverted, and warn where they do not say so themselves."""
-    texture = f"{textures[0]}" if len(textures) == 1 else f"{textures[0]} and {counted(len(textures) - 1, 'other')}"
-    place = "has one of the AO inside" if _embeds(mesh) else f"refers to {shown[0].path.name}, of the AO"
-    note = Note(f"{texture} holds the occlusion, 1 - AO; {mesh} {place}")
+    count = len(textures)
+    first, other = (_and_others(name, count) for name in (str(textures[0]), shown[0].path.name))
+    inside = one_or_many(count, "has one of the AO inside", f"has {count} of the AO inside")
+    place = inside if _embeds(mesh) else f"refers to {other}, of the AO"
+    note = Note(f"{first} {one_or_many(count, 'holds', 'hold')} the occlusion, 1 - AO; {mesh} {place}")
     if readable:
         return (note,)
-    return (note, f"{texture} cannot say that it is inverted: other commands will take it for AO; write a .png")
+    say = one_or_many(count, "say that it is inverted", "say that they are inverted")
+    return (
+        note,
+        f"{first} cannot {say}: other commands will take {one_or_many(count, 'it', 'them')} for AO; write a .png",
+    )
+
+
+def _and_others(name: str, count: int) -> str:
+    """Return what stands for several files: the name of the first, and how many others there are."""
+    return name if count == 1 else f"{name} and {counted(count - 1, 'other')}"
 
 
 def plan_bake(
