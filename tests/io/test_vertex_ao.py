@@ -110,11 +110,11 @@ def test_ply_has_a_property_and_keeps_the_rest(save, tmp_path):
     assert sorted(set(rows["heat"].tolist())) == [5, 6, 7, 8]
 
 
-@pytest.mark.parametrize("name", ["a.obj", "a.usda"])
+@pytest.mark.parametrize("name", ["a.obj", "a.usda", "out/"])
 def test_other_formats_are_refused_before_the_work(cube_obj, tmp_path, name):
     options = BakeOptions(size=64, directions=16, vertex_ao="attribute")
     with pytest.raises(UsageError, match=r"needs \.gltf, \.glb or \.ply"):
-        bake_file(cube_obj, tmp_path / name, options=options)
+        bake_file(cube_obj, f"{tmp_path}/{name}", options=options)
     assert [file.name for file in tmp_path.iterdir()] == ["cube.obj"]
 
 

@@ -78,6 +78,8 @@ def beside(key, value):
     """What has to be said, too, for an option to mean something."""
     if key == "falloff" and value != "none":
         return {"max_distance": 2.5}
+    if key in ("cage", "match"):
+        return {"high": ("rock.obj",)}
     if key == "ground_height":
         return {"ground": True}
     return {"ground": True} if key == "up" and value != "auto" else {}

@@ -1,5 +1,6 @@
 """Manifests: what they say of each asset, and what is said where they make no sense."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -382,7 +383,45 @@ def test_a_manifest_from_another_folder_makes_what_it_says(tmp_path):
 
 
 def test_files_of_options_count_from_its_folder(planned, here):
-    text = 'inputs = ["props/*"]\n[bake]\noccluder = ["around/wall.obj", "/far/hill.obj"]\n'
+    hill = here.parent / "far/hill.obj"
+    for file in (here / "around/wall.obj", hill):
+        file.parent.mkdir()
+        file.touch()
+    text = f'inputs = ["props/*"]\n[bake]\noccluder = ["around/wall.obj", "{hill.as_posix()}"]\n'
     found = {spec.bake.occluder for spec in specs(planned, text).values()}
     assert len(found) == 1
-    assert [Path(path).resolve() for path in found.pop()] == [here / "around/wall.obj", Path("/far/hill.obj")]
+    assert [Path(path).resolve() for path in found.pop()] == [here / "around/wall.obj", hill]
+
+
+def test_files_of_options_that_are_not_there_are_all_named_before_any_work(here, planned):
+    (here / "wall.obj").touch()
+    tables = '[[override]]\nmatch = "rock.obj"\nbake = {high = ["rok.obj", "wall.obj"], cage = "around/cage.obj"}\n'
+    text = f'inputs = ["**/*"]\noutput = "out"\n[bake]\noccluder = "wal.obj"\nsky = "studio.hdr"\n{tables}'
+    with pytest.raises(UsageError) as raised:
+        planned(text)
+    error = str(raised.value)
+    assert error.startswith("../game/batch.toml: cage = 'around/cage.obj' is not a file")
+    assert "; high = 'rok.obj' is not a file (nearest: 'rock.obj'" in error
+    assert "; occluder = 'wal.obj' is not a file (nearest: 'wall.obj'" in error
+    assert error.endswith(
+        "; sky = 'studio.hdr' is not a file; correct this: paths are relative to the manifest's folder"
+    )
+    assert "= 'wall.obj'" not in error
+
+
+@pytest.mark.parametrize("option", ['cage = "2%"', 'match = "nothing"'])
+def test_a_cage_without_details_is_refused_before_any_work(planned, option):
+    with pytest.raises(UsageError, match=r"batch.toml, for .*: (cage|match) is .*no detailed mesh; add high"):
+        planned(f'inputs = ["rock.obj"]\noutput = "out"\n[bake]\n{option}\n')
+
+
+def test_errors_name_files_of_options_as_the_manifest_does(tmp_path):
+    write_ring(tmp_path / "game/ring.obj")
+    (tmp_path / "game/around").mkdir()
+    (tmp_path / "game/around/wall.obj").write_text("no mesh\n")
+    text = 'inputs = ["ring.obj"]\noutput = "../built/deep"\n[bake]\noccluder = "around/wall.obj"\n'
+    (tmp_path / "game/batch.toml").write_text(text)
+    for folder, named in ((tmp_path, "game/around/wall.obj: "), (tmp_path / "game", "around/wall.obj: ")):
+        done = run(folder, "batch", (tmp_path / "game/batch.toml").relative_to(folder))
+        (line,) = (line for line in done.stdout.splitlines() if "wall.obj" in line)
+        assert re.match(rf"failed +\d+\.\d s +ring +{named}", line), line

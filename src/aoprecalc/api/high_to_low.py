@@ -89,9 +89,7 @@ def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[
     names of parts without details, and for details together with texels that instances share.
     """
     if not (high or options.high):
-        for argument in ("cage", "match"):
-            if (value := getattr(options, argument)) != getattr(ValueOptions, argument):
-                raise ArgumentError(argument, f"is {value!r}, but there is no detailed mesh; add {{high}}", "high")
+        refuse_unused_cage(options)
         return low
     if options.instances == "share":
         raise ArgumentError("instances", "is 'share', but each texel gets one point of {high}; omit one", "high")
@@ -111,6 +109,13 @@ def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[
         warnings=(*low.warnings, *(line for scene in scenes for line in scene.warnings), *warnings_of(messages)),
         notes=(*low.notes, *(line for scene in scenes for line in scene.notes), *read, *notes_of(messages)),
     )
+
+
+def refuse_unused_cage(options: ValueOptions) -> None:
+    """Raise ArgumentError where options say how rays meet a detailed mesh, but name none."""
+    for argument in ("cage", "match"):
+        if not options.high and (value := getattr(options, argument)) != getattr(ValueOptions, argument):
+            raise ArgumentError(argument, f"is {value!r}, but there is no detailed mesh; add {{high}}", "high")
 
 
 def _chosen_cage(low: Scene, detail: Detail, options: ValueOptions, threads: int) -> Cage:

@@ -97,6 +97,7 @@ class Job:
     staging     a folder of the same file system, in which they are written
     spec        what to make
     scheduler   address of the Dask scheduler whose workers share the visibility of its bake; None: no sharing
+    files       the files that the options of the spec name, as the user wrote them, in the order of `JobSpec.files`
     """
 
     name: str
@@ -107,6 +108,7 @@ class Job:
     staging: Path
     spec: JobSpec
     scheduler: str | None = None
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -216,14 +218,14 @@ def run_job(
             return _run(job, JobProgress(on_stage), make_visibility)
     except AoprecalcError as error:
         kind: FailureKind = "crash" if isinstance(error, KilledError) else "error"
-        return Failure(kind, _with_user_paths(job, job.label, error.worded(option_name)), error.exit_code)
+        return Failure(kind, _as_written(job, error.worded(option_name)), error.exit_code)
     except MemoryError:
         return Failure("error", f"{job.label}: out of memory; use a smaller size or fewer --jobs")
     except OSError as error:
-        reason = _with_user_paths(job, job.label, system_failure(error, "check the disk"))
+        reason = _as_written(job, system_failure(error, "check the disk"))
         return Failure("error", f"{job.label}: {reason}")
     except Exception as error:
-        reason = _with_user_paths(job, job.label, f"{type(error).__name__}: {error}")
+        reason = _as_written(job, f"{type(error).__name__}: {error}")
         return Failure("error", f"{job.label}: {reason}; this is a fault of aoprecalc", details=traceback.format_exc())
 
 
@@ -295,6 +297,13 @@ def _summarise(report: BakeReport) -> dict[str, Any]:
         "unwrap": report.unwrap.method,
         "rmse": None if report.verify is None else report.verify.levels[0].rmse,
     }
+
+
+def _as_written(job: Job, text: str) -> str:
+    """Return an error of a job, on one line, with its mesh and the files of its options as the user wrote them."""
+    for file, written in zip(job.spec.files, job.files, strict=True):
+        text = text.replace(str(file), written)
+    return _with_user_paths(job, job.label, text)
 
 
 def _with_user_paths(job: Job, mesh_name: str, text: str) -> str:

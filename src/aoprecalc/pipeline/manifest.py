@@ -13,6 +13,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, UsageError
+from aoprecalc.options.fields import named_files
 from aoprecalc.pipeline.discovery import (
     base_folder,
     check_distinct,
@@ -85,8 +86,8 @@ class Manifest:
         """Find the meshes, except for those that a batch has made, and return each with its job spec.
 
         note   receives a line about each `exclude` that matches nothing
-        Raises InputError for inputs that match nothing, UsageError for an override or single asset that does, and for
-        options that contradict each other.
+        Raises InputError for inputs that match nothing, UsageError for an override or single asset that does, for
+        options that contradict each other, and for files of options that are not there.
         """
         root, inputs = self.path.parent, _listed(self.file.inputs)
         found = find_meshes(inputs, made, root) if inputs else []
@@ -108,7 +109,26 @@ class Manifest:
             for mesh, name in zip(meshes, name_assets(meshes, self.base), strict=True)
         ]
         check_distinct(names, meshes)
-        return [Asset(name, mesh, self._spec(mesh)) for name, mesh in zip(names, meshes, strict=True)]
+        specs = [self._spec(mesh) for mesh in meshes]
+        self._refuse_missing_files(specs)
+        placed = [spec.with_files(self._placed) for spec in specs]
+        return [Asset(name, mesh, spec) for name, mesh, spec in zip(names, meshes, placed, strict=True)]
+
+    def _placed(self, path: str) -> str:
+        """Return a path of the manifest, from its folder."""
+        return os.path.join(self.path.parent, path)
+
+    def _refuse_missing_files(self, specs: Sequence[JobSpec]) -> None:
+        """Raise UsageError where options name files that are not there; it names them all."""
+        named = {entry for spec in specs if spec.bake for entry in named_files(spec.bake).items()}
+        missed = list[str]()
+        for option, path in sorted({(option, path) for option, paths in named for path in paths}):
+            if not os.path.isfile(placed := self._placed(path)):
+                beside = [path_from(Path(other), self.path.parent) for other in neighbours(placed)]
+                missed.append(f"{key_name(option)} = {path!r} is not a file{suggest(path, beside)}")
+        if missed:
+            advice = "paths are relative to the manifest's folder"
+            raise UsageError(f"{self.path}: {'; '.join(missed)}; correct this: {advice}")
 
     def _misses(self, key: str, patterns: Iterable[str], meshes: Sequence[Path]) -> list[str]:
         """Return a text about each pattern of a key that matches none of the meshes."""
@@ -175,7 +195,10 @@ class Manifest:
         return tuple(dict.fromkeys([path_from(folder / rest, root), path_from(real[0] / rest, real[1])]))
 
     def _spec(self, mesh: Path) -> JobSpec:
-        """Return the job spec of a mesh: the options of all, changed by the overrides and the asset in their order."""
+        """Return the job spec of a mesh: the options of all, changed by the overrides and the asset in their order.
+
+        Paths of files are as the manifest has them.
+        """
         matching: list[Tables] = [entry for entry in self.file.override if self._matches_any(mesh, [entry.match])]
         if single := self._single.get(os.path.abspath(mesh)):
             matching.append(single)
@@ -184,8 +207,7 @@ class Manifest:
             for entry in matching:
                 over_bake, over_spheres = entry.choices()
                 bake, spheres = _over(bake, over_bake, first[0]), _over(spheres, over_spheres, first[1])
-            spec = make_job_spec(arguments_of(bake), arguments_of(spheres))
-            return spec.with_files(lambda path: os.path.join(self.path.parent, path))
+            return make_job_spec(arguments_of(bake), arguments_of(spheres))
         except UsageError as error:
             message = error.worded(key_name) if isinstance(error, ArgumentError) else str(error)
             raise UsageError(f"{self.path}, for {mesh}: {message}") from error

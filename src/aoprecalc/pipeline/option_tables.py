@@ -8,6 +8,7 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, defstruct
 
 from aoprecalc.api.bake_files import HARMONICS_EXTENSIONS, plan_bake
+from aoprecalc.api.high_to_low import refuse_unused_cage
 from aoprecalc.errors import ArgumentError, UsageError, nearest
 from aoprecalc.io import IMAGE_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.sphere_files import SPHERE_EXTENSIONS
@@ -117,6 +118,7 @@ def make_job_spec(bake: Arguments | None, spheres: Arguments | None) -> JobSpec:
             if name in rest:
                 made[name] = _suffixes(name, rest.pop(name), known)[0]
         made["bake"] = BakeOptions(**rest, bent_normals="bent_normals" in made or "sh" in made)
+        refuse_unused_cage(made["bake"])
         plan_bake("", tuple(f"<name>_ao{suffix}" for suffix in made["bake_output"]), None, None, made["bake"])
     if spheres is not None:
         if len(counts := sorted(COUNTS & spheres.keys())) > 1:

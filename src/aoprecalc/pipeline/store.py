@@ -293,6 +293,7 @@ class ResultStore(AbstractContextManager["ResultStore"]):
         """Return the job that makes an asset; `threads`: for a spec that does not say."""
         asset, folder = pending.asset, self._folder(pending.asset)
         staging = self._state.staging / secrets.token_hex(8)
+        written = {os.path.abspath(file): str(file) for file in asset.spec.files}
         return Job(
             name=asset.name,
             mesh=Path(os.path.abspath(asset.mesh)),
@@ -302,6 +303,7 @@ class ResultStore(AbstractContextManager["ResultStore"]):
             staging=Path(os.path.abspath(staging)),
             spec=asset.spec.with_threads(threads).with_files(os.path.abspath),
             scheduler=self._options.scheduler if self._options.split else None,
+            files=tuple(written.values()),
         )
 
     def accept(self, pending: PendingAsset, job: Job, outcome: Outcome) -> AssetResult:
