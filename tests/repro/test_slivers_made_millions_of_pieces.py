@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aoprecalc.spheres.collision import subdivide
+from aoprecalc.spheres.containment import subdivide
 
 
 def test_a_needle_comes_in_fewer_pieces_than_a_square():

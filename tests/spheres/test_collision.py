@@ -7,7 +7,7 @@ import shapes
 from aoprecalc.options import SphereOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set
-from aoprecalc.spheres.collision import _containing_radii, subdivide
+from aoprecalc.spheres.containment import containing_radii, subdivide
 from aoprecalc.spheres.sampling import VoxelGrid, inside_mesh, signed_distances
 
 FLAT = shapes.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0), 2)
@@ -79,11 +79,12 @@ def test_whatever_spheres_there_are_they_grow_until_they_hold_all(count, seed):
     centers, radii = random.uniform(-1, 1, (count, 3)), random.uniform(0.01, 0.3, count)
     if count == 200:
         centers[: count - 1] /= np.abs(centers[: count - 1]).max(axis=1, keepdims=True)
-    surface_only = _containing_radii(small, inside[:0], centers, radii)
-    away = np.linalg.norm(small[:, :, None] - centers, axis=3) - surface_only
-    assert (away.max(axis=1).min(axis=1) < 1e-11).all()  # all corners of a piece are in one sphere, and so is it
+    surface_only = containing_radii(small, inside[:0], centers, radii, 0.02)
+    assert (surface_only >= radii).all()
+    anywhere = (random.dirichlet(np.ones(3), (len(small), 5)) @ small).reshape(-1, 3)
+    assert signed_distances(anywhere, centers, surface_only).max() < 1e-11
     assert count < 200 or signed_distances(inside, centers, surface_only).max() > 0.1
-    contained = _containing_radii(small, inside, centers, radii)
+    contained = containing_radii(small, inside, centers, radii, 0.02)
     assert (contained >= surface_only).all()
     assert signed_distances(inside, centers, contained).max() < 1e-11
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from aoprecalc.spheres.collision import subdivide
+from aoprecalc.spheres.containment import subdivide
 
 
 def areas(corners):

@@ -1,33 +1,72 @@
 """Method collision: spheres that contain the whole surface, and the inside of a closed mesh, and protrude little.
 
-The spheres of method shadow are the start. The same descent continues, with an additional pull on the nearest sphere
-from each point outside all spheres, until hardly any is left outside. Then each small triangle of the subdivided
-surface is assigned to its nearest sphere, and every sphere grows until it contains the corners of its triangles. Balls
-are convex, so they contain the triangles, and together every point of the surface rather than samples of it.
+Spheres of method shadow, after few of its rounds, are the start. The same descent continues, with an additional pull on
+the nearest sphere from each point outside all spheres. After each of several rounds of it, spheres take the least radii
+that contain the points given to them; then those that spill most are split in two, in exchange for as many whose points
+others take over. A round that spills more than the best one is undone. At last the spheres grow a little until they
+contain every piece of the surface, rather than points of it.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy.spatial import cKDTree
 
 from aoprecalc.mesh.topology import topology
 from aoprecalc.progress import Progress
+from aoprecalc.spheres.containment import (
+    containing_radii,
+    enclosing_balls,
+    largest_per_owner,
+    nearest_spheres,
+    pieces_outside,
+    subdivide,
+    thinned,
+)
 from aoprecalc.spheres.sampling import NormalizedFrame, SphereFit, VoxelGrid, inside_mesh
-from aoprecalc.spheres.shadow import VIEWS_PER_STEP, SilhouetteTarget, fit_shadow
+from aoprecalc.spheres.shadow import VIEWS_PER_STEP, SilhouetteTarget, Spheres, fit_shadow
 from aoprecalc.spheres.silhouettes import SilhouetteDescent
-from aoprecalc.types import Float64Array, Int64Array, Scene
+from aoprecalc.types import BoolArray, Float64Array, Int64Array, Scene
 
-# Chosen on bunny, bigguy, ogre and fruit fly.
-_STEPS = 300
-_FINAL_PULL = 4.0  # of a point, relative to its share of the silhouettes' area
+# Chosen by spill and cost on bunny, bigguy, ogre, spot and fruit fly. Lengths are normalised.
+_SHADOW_ROUNDS = 4
+_FIRST_STEPS, _ROUNDS, _ROUND_STEPS, _LAST_PARTS, _PART_STEPS = 60, 6, 60, 3, 50  # of the descent
+_FIRST_SPLIT = 0.2  # fraction of the spheres that are split in the first round, at most
+_FIRST_PULL, _PULL, _LAST_PULL = 0.4, 8.0, 12.0  # of all points together, relative to the silhouettes' area
 _POINTS_PER_STEP = 4000
-_PULL_MARGIN, _MAX_PULL = 0.3, 3.0  # pixels: depth inside a sphere from which a point pulls, and the cap of its pull
-_MAX_EDGE = 0.03  # longest edge of a triangle of the subdivided surface, normalised
+_PULL_MARGIN, _MAX_PULL = 0.3, 4.0  # pixels: depth inside a sphere from which a point pulls, and the cap of its pull
+_MAX_EDGE = 0.03  # of the triangles whose corners are the points that pull
+_POINT_SPACING = 0.2  # of those points, in radii of discs that have the silhouettes' area
+_MIN_SPACING = 0.004
+_CHECKED_EDGE, _FINAL_EDGE = 0.003, 0.0005  # of pieces that are found outside, and for which spheres grow at last
+_LAST_CHECKS = 1
 _VOXEL_RESOLUTION = 48  # along the longest side of the grid whose points inside the mesh must be contained
-_BRUTE_FORCE_UP_TO = 256  # spheres; for 100, brute force takes a fifth of the time of a k-d tree
-_NEIGHBOURS = 16  # nearest centres tried in a k-d tree
-_MAX_RELOCATIONS = 8  # times that spheres without triangles are moved
-_CHUNK_VALUES = 1 << 16  # distances computed at once: they stay in cache, and BLAS starts no threads for so few
-_RADIUS_ROUNDING = 1e-12  # normalised; added to radii so that rounding leaves no corner outside
+_TOLERATED_COST = 3.0  # of giving up a sphere, relative to the gain of splitting one: the descent makes up for it
+_MIN_RADIUS = 0.25  # pixels: of a sphere that need not contain anything
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """What spheres must contain.
+
+    triangles   (m, 3, 3) float64: the surface, in pieces with short edges
+    inside      (k, 3) float64: grid points inside a watertight mesh; none if it is not watertight
+    spacing     least distance at which points are told apart, > 0
+    """
+
+    triangles: Float64Array
+    inside: Float64Array
+    spacing: float
+
+    def points(self) -> Float64Array:
+        """Return corners of the pieces and points inside, one in each cube of the spacing's size, (p, 3)."""
+        return thinned(np.concatenate([self.triangles.reshape(-1, 3), self.inside]), self.spacing)
+
+    def with_points_outside(self, points: Float64Array, spheres: Spheres) -> Float64Array:
+        """Return points, (p, 3), and those that spheres should contain besides but do not."""
+        pieces, _ = pieces_outside(self.triangles, *spheres, _CHECKED_EDGE)
+        candidates = np.concatenate([pieces.reshape(-1, 3), self.inside])
+        outside = candidates[nearest_spheres(candidates, *spheres)[1][:, 0] > 0]
+        return np.concatenate([points, thinned(outside, self.spacing / 4)])
 
 
 def fit_collision(
@@ -44,38 +83,67 @@ def fit_collision(
     The inside of a watertight mesh is contained at the points of a grid, 48 along the longest side of its box.
     """
     target = SilhouetteTarget.from_scene(scene, frame)
-    initial = fit_shadow(scene, frame, target, points, count, rng, progress)
+    initial = fit_shadow(scene, frame, target, points, count, rng, progress, _SHADOW_ROUNDS, final_steps=0)
     triangles = subdivide(frame.to_normalized(scene.corners), _MAX_EDGE)
-    inside = _points_inside(scene, frame)
-    required = np.concatenate([triangles.reshape(-1, 3), inside])
-    descent = SilhouetteDescent(initial.centers, initial.radii, target.masks, target.views, VIEWS_PER_STEP)
-    for step in range(_STEPS):
-        elapsed = step / _STEPS
-        pulling = required[rng.integers(len(required), size=_POINTS_PER_STEP)]
-        strength = _FINAL_PULL * (0.1 + 3 * elapsed) * target.masks.sum() / len(target.views) / _POINTS_PER_STEP
-        gradient = _pull_gradient(pulling, descent.centers, descent.radii, target.views.pixels_per_unit, strength)
-        descent.step(0.5 * (1 - elapsed) + 0.03, gradient)
-        progress.advance()
-    centers, radii = _relocate_unused(triangles, descent.centers, descent.radii)
-    radii = _containing_radii(triangles, inside, centers, radii)
-    return SphereFit(centers, radii, initial.iterations + _STEPS, converged=True)
+    spacing = max(_POINT_SPACING * target.equal_area_radius(count), _MIN_SPACING)
+    surface = _Surface(triangles, _points_inside(scene, frame), spacing)
+    required = surface.points()
+
+    descent = _PulledDescent((initial.centers, initial.radii), target, rng, progress)
+    descent.run(required, _FIRST_STEPS, (0.5, 0.2), (_FIRST_PULL, _PULL))
+    steps = initial.iterations + _FIRST_STEPS
+    best, best_spill = _contained(descent.spheres, target, required), np.inf
+    for index in range(_ROUNDS + 1 if count > 1 else 0):
+        contained = _contained(descent.spheres, target, required)
+        spill = target.spill(*contained)
+        if spill < best_spill:
+            best, start, best_spill = contained, descent.spheres, spill
+        if index == _ROUNDS:
+            descent = _PulledDescent(start, target, rng, progress)
+            break
+        split_count = max(1, int(_FIRST_SPLIT * count * (1 - index / _ROUNDS)))
+        descent = _PulledDescent(_exchanged(best, target, required, split_count), target, rng, progress)
+        descent.run(required, _ROUND_STEPS, (0.5, 0.15), (_PULL, _LAST_PULL))
+        steps += _ROUND_STEPS
+    for part in range(_LAST_PARTS):
+        required = surface.with_points_outside(required, best)
+        first, last = (0.3 + (0.03 - 0.3) * (part + end) / _LAST_PARTS for end in (0, 1))
+        descent.run(required, _PART_STEPS, (first, last), (_LAST_PULL, _LAST_PULL))
+        best = _contained(descent.spheres, target, required)
+        steps += _PART_STEPS
+    for _ in range(_LAST_CHECKS):
+        required = surface.with_points_outside(required, best)
+        best = _contained(descent.spheres, target, required)
+    centers, radii = best
+    radii = np.maximum(radii, _MIN_RADIUS / target.views.pixels_per_unit)
+    radii = containing_radii(triangles, surface.inside, centers, radii, _FINAL_EDGE)
+    return SphereFit(centers, radii, steps, converged=True)
 
 
-def subdivide(corners: Float64Array, max_edge: float) -> Float64Array:
-    """Bisect the longest edge of triangles, (f, 3, 3), until none exceeds `max_edge` > 0; returns (m, 3, 3).
+class _PulledDescent:
+    """The descent on silhouettes, with the pull of points outside the spheres."""
 
-    The result covers the triangles exactly, except for the rounding of edge midpoints.
-    """
-    small = []
-    while len(corners):
-        lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        small.append(corners[lengths.max(axis=1) <= max_edge])
-        large = lengths.max(axis=1) > max_edge
-        order = lengths[large].argmax(axis=1)[:, None] + np.arange(3)  # puts the longest edge first: a to b
-        a, b, c = np.take_along_axis(corners[large], order[..., None] % 3, axis=1).transpose(1, 0, 2)
-        middle = (a + b) / 2
-        corners = np.concatenate([np.stack(halves, axis=1) for halves in ((a, middle, c), (middle, b, c))])
-    return np.concatenate(small)
+    def __init__(
+        self, spheres: Spheres, target: SilhouetteTarget, rng: np.random.Generator, progress: Progress
+    ) -> None:
+        self._descent = SilhouetteDescent(*spheres, target.masks, target.views, VIEWS_PER_STEP)
+        self._area = target.masks.sum() / len(target.views)
+        self._pixels_per_unit = target.views.pixels_per_unit
+        self._rng, self._progress = rng, progress
+
+    @property
+    def spheres(self) -> Spheres:
+        """The spheres after the last step."""
+        return self._descent.centers, self._descent.radii
+
+    def run(self, points: Float64Array, steps: int, sizes: tuple[float, float], pulls: tuple[float, float]) -> None:
+        """Take steps; their size, in pixels, and the pull of the points, (p, 3), each go from one value to another."""
+        for step in range(steps):
+            size, pull = (first + (last - first) * step / steps for first, last in (sizes, pulls))
+            pulling = points[self._rng.integers(len(points), size=_POINTS_PER_STEP)]
+            strength = pull * self._area / _POINTS_PER_STEP
+            self._descent.step(size, _pull_gradient(pulling, self.spheres, self._pixels_per_unit, strength))
+            self._progress.advance()
 
 
 def _points_inside(scene: Scene, frame: NormalizedFrame) -> Float64Array:
@@ -87,77 +155,78 @@ def _points_inside(scene: Scene, frame: NormalizedFrame) -> Float64Array:
     return grid.centers(inside_mesh(positions, scene.faces, grid))
 
 
-def _pull_gradient(
-    points: Float64Array, centers: Float64Array, radii: Float64Array, pixels_per_unit: float, strength: float
-) -> Float64Array:
+def _pull_gradient(points: Float64Array, spheres: Spheres, pixels_per_unit: float, strength: float) -> Float64Array:
     """Return the gradient with respect to (x, y, z, r) that pulls spheres to points outside them, (n, 4)."""
-    nearest = _nearest_spheres(points, centers, radii)
-    offsets = points - centers[nearest]
-    distances = np.linalg.norm(offsets, axis=1)
-    outside = (distances - radii[nearest]) * pixels_per_unit + _PULL_MARGIN
-    weight = -strength * np.clip(outside, 0.0, _MAX_PULL)
-    gradient = [np.bincount(nearest, weight * axis / np.maximum(distances, 1e-12), len(radii)) for axis in offsets.T]
+    centers, radii = spheres
+    nearest, signed = (column[:, 0] for column in nearest_spheres(points, centers, radii))
+    directions = (points - centers[nearest]) / np.maximum(signed + radii[nearest], 1e-12)[:, None]
+    weight = -strength * np.clip(signed * pixels_per_unit + _PULL_MARGIN, 0.0, _MAX_PULL)
+    gradient = [np.bincount(nearest, weight * axis, len(radii)) for axis in directions.T]
     return np.column_stack([*gradient, np.bincount(nearest, weight, len(radii))])
 
 
-def _relocate_unused(
-    triangles: Float64Array, centers: Float64Array, radii: Float64Array
-) -> tuple[Float64Array, Float64Array]:
-    """Move each sphere that is nearest to no triangle to where another sphere would have to grow most."""
-    centers, radii = centers.copy(), radii.copy()
-    centroids = triangles.mean(axis=1)
-    for _ in range(_MAX_RELOCATIONS):
-        nearest = _nearest_spheres(centroids, centers, radii)
-        unused = np.flatnonzero(np.bincount(nearest, minlength=len(radii)) == 0)
-        if not len(unused):
+def _contained(spheres: Spheres, target: SilhouetteTarget, points: Float64Array) -> Spheres:
+    """Give each point, (p, 3), to its nearest sphere, and return spheres that contain their points.
+
+    A sphere keeps its centre, or becomes the smallest ball around its points if that spills less.
+    """
+    centers, radii = spheres
+    owner = nearest_spheres(points, centers, radii)[0][:, 0]
+    radii = largest_per_owner(np.linalg.norm(points - centers[owner], axis=1), owner, len(radii))
+    smallest = enclosing_balls(points, owner, centers)
+    outside = np.where(target.masks, np.float32(0), np.float32(1))
+    better = target.sums_inside(*smallest, outside) < target.sums_inside(centers, radii, outside)
+    return np.where(better[:, None], smallest[0], centers), np.where(better, smallest[1], radii)
+
+
+def _exchanged(spheres: Spheres, target: SilhouetteTarget, points: Float64Array, count: int) -> Spheres:
+    """Split up to `count` spheres in two, and give up as many others.
+
+    points   (p, 3): spheres contain those that are nearest to them
+
+    Area is what counts. A split gains the share of a sphere's own spill by which its halves' discs are smaller. Giving
+    up a sphere costs the growth of its neighbours' discs, less its own spill.
+    """
+    centers, radii = spheres[0].copy(), spheres[1].copy()
+    nearest, signed = nearest_spheres(points, centers, radii, 2)
+    owner = nearest[:, 0]
+    own_spill = target.own_spill(centers, radii)
+    pairs, pair = np.unique(owner * len(radii) + nearest[:, 1], return_inverse=True)
+    giver, taker = np.divmod(pairs, len(radii))
+    growth = largest_per_owner(np.maximum(signed[:, 1], 0), pair, len(pairs))
+    cost = np.bincount(giver, np.pi * growth * (2 * radii[taker] + growth), len(radii)) - own_spill
+
+    sizes = np.bincount(owner, minlength=len(radii))
+    split = [sphere for sphere in np.argsort(-own_spill, kind="stable")[: 3 * count] if sizes[sphere] > 1]
+    members = [np.flatnonzero(owner == sphere) for sphere in split]
+    halves = [2 * rank + _far_half(points[index]) for rank, index in enumerate(members)]
+    if not split:
+        return spheres
+    half_centers, half_radii = enclosing_balls(
+        points[np.concatenate(members)], np.concatenate(halves), np.repeat(centers[split], 2, axis=0)
+    )
+    share = np.square(half_radii).reshape(-1, 2).sum(axis=1) / np.maximum(np.square(radii[split]), 1e-300)
+    gain = own_spill[split] * (1 - share)
+    given_up = iter(np.argsort(cost, kind="stable"))
+    used: set[int] = set()
+    for rank in np.argsort(-gain, kind="stable")[:count]:
+        sphere = split[rank]
+        if gain[rank] <= 0:
             break
-        outside = np.linalg.norm(centroids - centers[nearest], axis=1) - radii[nearest]
-        worst = _first_per_sphere(nearest, np.argsort(-outside, kind="stable"))[: len(unused)]
-        unused = unused[: len(worst)]
-        centers[unused], radii[unused] = centroids[worst], np.maximum(outside[worst], _MAX_EDGE)
+        if sphere in used:
+            continue
+        other = next((other for other in given_up if other not in used and other != sphere), None)
+        if other is None or cost[other] >= _TOLERATED_COST * gain[rank]:
+            break
+        used |= {sphere, other}
+        centers[[sphere, other]] = half_centers[2 * rank : 2 * rank + 2]
+        radii[[sphere, other]] = half_radii[2 * rank : 2 * rank + 2]
     return centers, radii
 
 
-def _first_per_sphere(nearest: Int64Array, order: Int64Array) -> Int64Array:
-    """Return the first triangle of each sphere in an order of the triangles, in that order."""
-    first = np.unique(nearest[order], return_index=True)[1]
-    return order[np.sort(first)]
-
-
-def _containing_radii(
-    triangles: Float64Array, points: Float64Array, centers: Float64Array, radii: Float64Array
-) -> Float64Array:
-    """Return the least radii, (n,), with which spheres contain the triangles, (m, 3, 3), and points nearest to them.
-
-    A point that its sphere contains already does not enlarge it, and the sphere then keeps at least its radius.
-    """
-    required = np.zeros(len(radii))
-    nearest = _nearest_spheres(triangles.mean(axis=1), centers, radii)
-    np.maximum.at(required, nearest, np.linalg.norm(triangles - centers[nearest][:, None], axis=2).max(axis=1))
-    nearest = _nearest_spheres(points, centers, radii)
-    distances = np.linalg.norm(points - centers[nearest], axis=1)
-    outside = distances > np.maximum(required, radii)[nearest]
-    np.maximum.at(required, nearest[outside], distances[outside])
-    contains_points = np.zeros(len(radii), bool)
-    contains_points[nearest[~outside]] = True
-    return np.where(contains_points, np.maximum(required, radii), required) + _RADIUS_ROUNDING
-
-
-def _nearest_spheres(points: Float64Array, centers: Float64Array, radii: Float64Array) -> Int64Array:
-    """Return the sphere of least signed distance from each point, (k,); approximately if there are many spheres.
-
-    Any other assignment would be valid, but would give larger spheres.
-    """
-    if len(radii) > _BRUTE_FORCE_UP_TO:
-        distances, neighbours = cKDTree(centers).query(points, _NEIGHBOURS)
-        best = np.argmin(distances - radii[neighbours], axis=1)
-        nearest: Int64Array = neighbours[np.arange(len(points)), best]
-        return nearest
-    nearest = np.empty(len(points), np.intp)
-    squared_centers = np.square(centers).sum(axis=1)
-    chunk_size = _CHUNK_VALUES // len(radii)
-    for start in range(0, len(points), chunk_size):
-        chunk = points[start : start + chunk_size]
-        squared = np.square(chunk).sum(axis=1)[:, None] + squared_centers - 2 * chunk @ centers.T
-        nearest[start : start + chunk_size] = np.argmin(np.sqrt(np.maximum(squared, 0)) - radii, axis=1)
-    return nearest
+def _far_half(points: Float64Array) -> Int64Array:
+    """Return 1 for the points, (p, 3), in the farther half along their principal axis, 0 for others, (p,) int64."""
+    offsets = points - points.mean(axis=0)
+    along = offsets @ np.linalg.eigh(offsets.T @ offsets)[1][:, 2]
+    far: BoolArray = along > (along.min() + along.max()) / 2
+    return far.astype(np.int64)

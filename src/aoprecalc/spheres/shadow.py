@@ -75,14 +75,35 @@ class SilhouetteTarget:
         both = (covered & self.masks).sum(axis=(1, 2))
         return float((both / np.maximum(union, 1)).sum() / max(1, np.count_nonzero(union)))
 
+    def spill(self, centers: Float64Array, radii: Float64Array) -> float:
+        """Return the spheres' silhouettes outside the mesh's, over the area of the mesh's, averaged over the views."""
+        outside = (spheres_per_pixel(centers, radii, self.views) > 0) & ~self.masks
+        return float((outside.sum(axis=(1, 2)) / np.maximum(self.masks.sum(axis=(1, 2)), 1)).mean())
+
     def contributions(self, centers: Float64Array, radii: Float64Array) -> Float64Array:
         """Return the net number of correct pixels that would be lost without each sphere, (n,) float64."""
         counts = spheres_per_pixel(centers, radii, self.views)
-        alone = np.where(counts == 1, self.weights, np.float32(0))
+        return self.sums_inside(centers, radii, np.where(counts == 1, self.weights, np.float32(0)))
+
+    def own_spill(self, centers: Float64Array, radii: Float64Array) -> Float64Array:
+        """Return the area that each sphere alone covers outside the mesh's silhouettes, (n,): the mean over the views.
+
+        In normalised units.
+        """
+        alone = (spheres_per_pixel(centers, radii, self.views) == 1) & ~self.masks
+        pixels = self.sums_inside(centers, radii, alone.astype(np.float32))
+        return pixels / (len(self.views) * self.views.pixels_per_unit**2)
+
+    def sums_inside(self, centers: Float64Array, radii: Float64Array, images: Float32Array) -> Float64Array:
+        """Return the sum of the pixels of images, (d, resolution, resolution), in each sphere's discs, (n,) float64."""
         spans = disc_spans(*self.views.project(centers), radii * self.views.pixels_per_unit, self.views.resolution)
-        sums = span_sums(spans, alone, len(self.views) * len(radii))
-        contributions: Float64Array = sums.reshape(-1, len(radii)).sum(axis=0)
-        return contributions
+        sums: Float64Array = span_sums(spans, images, len(self.views) * len(radii)).reshape(-1, len(radii)).sum(axis=0)
+        return sums
+
+    def equal_area_radius(self, count: int) -> float:
+        """Return the normalised radius of discs, `count` of which have the mean area of the silhouettes."""
+        area = self.masks.mean() * (2 * self.views.half_extent) ** 2
+        return max(float(np.sqrt(area / (count * np.pi))), 1 / self.views.pixels_per_unit)
 
     def select(self, candidates: Spheres, fixed: Spheres, count: int) -> Int32Array:
         """Return the indices of the candidates to add to the fixed spheres, at most `count`."""
@@ -104,15 +125,18 @@ def fit_shadow(
     count: int,
     rng: np.random.Generator,
     progress: Progress,
+    rounds: int = _ROUNDS,
+    final_steps: int = _FINAL_STEPS,
 ) -> SphereFit:
     """Fit `count` spheres to the silhouettes of a scene.
 
-    target   the scene's silhouettes; `silhouette_quality` uses other views
-    points   (s, 3) float64: samples of the surface in normalised coordinates
+    target        the scene's silhouettes; `silhouette_quality` uses other views
+    points        (s, 3) float64: samples of the surface in normalised coordinates
+    rounds        how often spheres move to other places
+    final_steps   of the descent, after the last round
     Each step of the descent advances `progress` by one.
     """
-    equal_area_radius = np.sqrt(target.masks.mean() * (2 * target.views.half_extent) ** 2 / (count * np.pi))
-    size = max(float(equal_area_radius), 1 / target.views.pixels_per_unit)
+    size = target.equal_area_radius(count)
     medial = _medial_candidates(scene, frame, points[:_MEDIAL_SAMPLES], rng)
 
     def descend(spheres: Spheres, steps: int, first: float, last: float) -> Spheres:
@@ -130,8 +154,8 @@ def fit_shadow(
     centers, radii = descend(_concatenate(_take(candidates, selected), rest), _SELECTION_STEPS, 1.0, 0.3)
     best_iou = target.iou(centers, radii)
     steps = _SELECTION_STEPS
-    for index in range(_ROUNDS if count > 1 else 0):
-        move_count = max(1, int(_FIRST_MOVED * count * (1 - index / _ROUNDS)))
+    for index in range(rounds if count > 1 else 0):
+        move_count = max(1, int(_FIRST_MOVED * count * (1 - index / rounds)))
         order = np.argsort(target.contributions(centers, radii), kind="stable")
         movable, fixed_index = order[:move_count], np.sort(order[move_count:])
         fixed = _take((centers, radii), fixed_index)
@@ -145,10 +169,10 @@ def fit_shadow(
         iou = target.iou(*candidate)
         if iou > best_iou:
             (centers, radii), best_iou = candidate, iou
-    final = descend((centers, radii), _FINAL_STEPS, 0.3, 0.02)
+    final = descend((centers, radii), final_steps, 0.3, 0.02)
     if target.iou(*final) > best_iou:
         centers, radii = final
-    return SphereFit(centers, radii, steps + _FINAL_STEPS, converged=True)
+    return SphereFit(centers, radii, steps + final_steps, converged=True)
 
 
 def greedy_selection(

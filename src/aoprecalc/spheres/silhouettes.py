@@ -125,12 +125,11 @@ def disc_spans(columns: Float64Array, rows: Float64Array, radii: Float64Array, r
 def span_counts(spans: DiscSpans, views: int, resolution: int) -> Int32Array:
     """Return how many spans cover each pixel, (views, resolution, resolution) int32."""
     pitch = resolution + 1  # a span may stop after the last column
-    total = views * resolution * pitch
-    changes = np.bincount(spans.row * pitch + spans.start, minlength=total)
-    changes -= np.bincount(spans.row * pitch + spans.stop, minlength=total)
-    rows = changes.reshape(views, resolution, pitch)[..., :resolution]
-    counts: Int32Array = np.cumsum(rows, axis=2, dtype=np.int32)
-    return counts
+    counts: Int32Array = np.zeros(views * resolution * pitch, np.int32)
+    np.add.at(counts, spans.row * pitch + spans.start, np.int32(1))
+    np.subtract.at(counts, spans.row * pitch + spans.stop, np.int32(1))
+    np.cumsum(counts, out=counts)  # through all rows at once: the changes of each sum to 0
+    return counts.reshape(views, resolution, pitch)[..., :resolution]
 
 
 def span_sums(spans: DiscSpans, images: Float32Array, discs: int) -> Float64Array:
