@@ -13,7 +13,8 @@ from aoprecalc.raster.layout import area_per_texel, doubled_uv_areas
 from aoprecalc.types import Float32Array, Float64Array, Texels
 from aoprecalc.visibility.backend import RayBackend
 from aoprecalc.visibility.directions import map_texel
-from aoprecalc.visibility.gather import SharedInstances, TexelOcclusion, mean_over_poses
+from aoprecalc.visibility.gather import TexelOcclusion
+from aoprecalc.visibility.instances import SharedInstances, mean_over_poses
 from aoprecalc.visibility.rays import embreex_problem
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
