@@ -95,11 +95,14 @@ def test_a_cluster_makes_the_same_bytes(two_workers, meshes, expected, tmp_path,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("split", [False, True], ids=["whole", "split"])
-@pytest.mark.parametrize("what", ["poses", "details"])
+@pytest.mark.parametrize("what", ["poses", "details", "interleaved"])
 def test_poses_details_a_sky_and_bent_normals_have_the_bytes_of_one_process(two_workers, tmp_path, what, split):
     bake = {"size": 64, "directions": 128, "sky": "sky.png"}
     Image.fromarray(np.repeat(np.array([(20, 200)], np.uint8), 8, axis=1).repeat(8, axis=0)).save(tmp_path / "sky.png")
-    if what == "poses":
+    if what == "interleaved":
+        bake |= {"directions": "auto", "size": 128}
+        mesh = write_ring(tmp_path / "mesh.obj")
+    elif what == "poses":
         mesh = box_with_lid(GltfMaker(tmp_path)).save("mesh.glb")
         bake["pose"] = ["open@0.5", "open@1"]
     else:

@@ -191,7 +191,7 @@ class BakeResult:
         report, name = self.report, self.mesh.name
         line = (
             f"{name}: {report.texels.width} x {report.texels.height} texels, mean AO {report.ao.mean:.3f}, "
-            f"{report.directions} directions, {counted(report.input.triangles, 'triangle')}, "
+            f"{report.sampled}, {counted(report.input.triangles, 'triangle')}, "
             f"{counted(self._baked.atlas.charts, 'chart')}"
         )
         texture = png_bytes(self.ao)

@@ -69,6 +69,7 @@ def bake_report(
         renderer=baked.renderer,
         backend=baked.backend,
         directions=baked.directions,
+        directions_per_texel=round(baked.directions_per_texel),
         estimated_error=None if baked.sampling_error is None else round(baked.sampling_error, 6),
         sampling=options.sampling,
         options=baked.options,

@@ -70,6 +70,7 @@ def bake_prepared(
         atlas=atlas,
         normals=prepared.normals,
         directions=measured.directions,
+        directions_per_texel=measured.directions_per_texel,
         sampling_error=measured.sampling_error,
         dark=measured.dark,
         backend=backend.kind,
@@ -111,6 +112,12 @@ class MeasuredTexels:
         return max(side.directions for side in self.sides)
 
     @property
+    def directions_per_texel(self) -> float:
+        """How many of them a texel took itself, in the mean."""
+        taken = sum(side.per_texel * len(side.texels) for side in self.sides)
+        return taken / sum(len(side.texels) for side in self.sides)
+
+    @property
     def sampling_error(self) -> float | None:
         """The greater of the sides' sampling errors, RMS; None where there is no estimate."""
         return max((side.error for side in self.sides if side.error is not None), default=None)
@@ -125,7 +132,8 @@ def _measure(
     overlap, plan = setup.overlap(), plan_gather(setup)
     again = "" if plan.passes == len(setup.sides) else f", {plan.passes} times to save memory"
     directions = 2 * len(setup.axes) * max(1, len(setup.inputs.scene.poses))
-    with timer.stage("visibility", plan.passes * directions, f"directions{again}"):
+    passes = plan.passes + len(setup.sides) * setup.interleaved  # the first is of one group at each texel
+    with timer.stage("visibility", passes * directions, f"directions{again}"):
         sides = tuple(_gather_side(setup, side, plan, make_visibility, progress) for side in setup.sides)
     dark, missed = dark_texels(setup, sides), missed_texels(setup, sides)
     shadow_size = plan.shadow_size if setup.backend.kind == "gl" else None

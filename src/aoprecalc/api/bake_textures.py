@@ -307,6 +307,7 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
         texture=texture,
         atlas=atlas,
         directions=max(baked.directions for baked in bakes),
+        directions_per_texel=float(np.average([baked.directions_per_texel for baked in bakes], weights=_valid(bakes))),
         sampling_error=max(errors, default=None),
         dark=_dark_of_all(bakes),
         missed=sum(baked.missed for baked in bakes),
@@ -317,8 +318,13 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
     )
 
 
+def _valid(bakes: Sequence[Baked]) -> list[int]:
+    """Return how many texels of each bake have a value."""
+    return [int(np.count_nonzero(baked.texture.valid)) for baked in bakes]
+
+
 def _dark_of_all(bakes: Sequence[Baked]) -> DarkTexels:
-    weights = np.array([np.count_nonzero(baked.texture.valid) for baked in bakes], np.float64)
+    weights = _valid(bakes)
     names = ("share", "inside", "inwards", "below_ground", "on_ground", "above_ground", "narrow")
     means = {name: float(np.average([getattr(baked.dark, name) for baked in bakes], weights=weights)) for name in names}
     parts = tuple(part for baked in bakes for part in baked.dark.parts)

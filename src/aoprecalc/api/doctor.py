@@ -16,6 +16,7 @@ from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.progress import Progress, StageTimer
 from aoprecalc.subprocesses import ChildStoppedError, ChildTimeoutError, ask, command
 from aoprecalc.system import EXTRAS, LIBRARIES, environment, has_headless_opengl, machine, versions
+from aoprecalc.visibility.embree import casts_packets
 
 PROBE_SECONDS = 20.0  # that a probe may take; it needs a tenth of one
 
@@ -96,6 +97,7 @@ _WHY = {
     "gl": f"the first that makes an {_OPENGL} context",
     "ray": f"there is no {_OPENGL}, and rays can be traced",
 }
+_FASTER = "with --directions auto rays are faster than OpenGL on a processor; for a number of directions: {}"
 _SIMPLIFIER = "opengl_decimate"
 _USES = {
     "DracoPy": "to read glTF meshes compressed with Draco",
@@ -252,6 +254,8 @@ def _choose(probes: ProbeResults) -> tuple[RendererChoice | None, ProbeAnswer]:
     A bake that comes to a driver that crashes or hangs goes no further, whatever works behind it.
     """
     for name, backend, answer in _renderers(probes):
+        if answer.works and answer.facts.get("software") and backend == "gl" and probes.rays.works and casts_packets():
+            return RendererChoice("Embree", "ray", _FASTER.format(name)), probes.rays
         if answer.works or answer.crashed:
             why = _WHY[backend] if answer.works else f"a bake tries it and gets no further ({answer.fault})"
             return RendererChoice(name, backend, why), answer

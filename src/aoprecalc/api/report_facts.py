@@ -125,7 +125,7 @@ def bake_choices(bake: BakeReport) -> list[Choice]:
     ways = {"gl": "Depth maps in OpenGL.", "ray": "Rays, without OpenGL."}
     found.append(Choice("Backend", f"{bake.backend}: {bake.renderer}.", ways.get(bake.backend, "") + maps))
     error = "" if bake.estimated_error is None else f"Estimated sampling error {bake.estimated_error:.4f}, RMS."
-    found.append(Choice("Directions", f"{bake.directions}, {bake.sampling}.", error))
+    found.append(Choice("Directions", f"{bake.sampled}, {bake.sampling}.", error))
     if bake.floor is not None:
         way = ", ".join(f"{x:g}" for x in bake.floor)
         found.append(Choice("Ground", f"A plane below the mesh; ({way}) points away from it."))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from aoprecalc.api.documents import OMIT_NONE, Document, RayTracedErrors, Report
 from aoprecalc.api.high_to_low import HighToLow
+from aoprecalc.errors import counted
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import ValueOptions
 
@@ -252,6 +253,8 @@ class BakeReport(Document):
         Name of the OpenGL implementation or ray tracer; ``"gl"`` or ``"ray"``.
     directions : int
         Light directions used.
+    directions_per_texel : int
+        How many of them a texel took itself, in the mean: fewer where neighbouring texels share what they see.
     estimated_error : float or None
         Estimated RMS sampling error of a texel, in units of ambient occlusion, from the difference of two halves of
         the directions; None up to 128 of them. What the texture's resolution adds at chart borders is not in it.
@@ -293,6 +296,7 @@ class BakeReport(Document):
     renderer: str
     backend: str
     directions: int
+    directions_per_texel: int
     estimated_error: float | None
     sampling: str
     options: ValueOptions
@@ -310,6 +314,12 @@ class BakeReport(Document):
     seconds: dict[str, float]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def sampled(self) -> str:
+        """The directions in words, such as ``"1152 directions, 437 a texel"``."""
+        taken = "" if self.directions_per_texel == self.directions else f", {self.directions_per_texel} a texel"
+        return counted(self.directions, "direction") + taken
 
     @property
     def error(self) -> float | None:

@@ -107,7 +107,7 @@ def bake(mesh: str, **given: Any) -> None:
     for path, texture in zip(paths, report.textures, strict=True):
         size = f"{texture.texels.width} x {texture.texels.height}"
         name = f"{path} ({texture.name})" if texture.name and not files.textures else path
-        say(f"{name}  {size}, {held}mean AO {texture.ao.mean:.3f}, {report.directions} directions")
+        say(f"{name}  {size}, {held}mean AO {texture.ao.mean:.3f}, {report.sampled}")
     if options.target_error is not None and report.estimated_error is not None:
         say(f"estimated sampling error {report.estimated_error:.4f}")
     if report.verify is not None:

@@ -35,6 +35,7 @@ INSTALLS = {
     "Fedora": "dnf install mesa-libEGL mesa-libGL mesa-dri-drivers",
     "conda": "conda install -c conda-forge libegl libgl mesa-llvmpipe",
 }
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader", "swr")  # in GL_RENDERER, in small letters
 _ADVICE = "install a software renderer: " + ", ".join(f"`{line}` ({system})" for system, line in INSTALLS.items())
 
 
@@ -71,6 +72,11 @@ class Renderer:
     context: "moderngl.Context"
     kind: str
     name: str
+
+
+def is_software(renderer: str) -> bool:
+    """Tell from GL_RENDERER whether a renderer runs on the processor."""
+    return any(name in renderer.lower() for name in _SOFTWARE)
 
 
 def opengl_problem() -> str | None:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from aoprecalc.errors import ArgumentError
 from aoprecalc.options.fields import Option, Validated, documented, option_field
-from aoprecalc.options.quantities import AUTO, BYTES, LIMIT, NONE, SHADOW_SIZE, TEXTURE_SIZE
+from aoprecalc.options.quantities import AUTO, BYTES, DIRECTIONS, LIMIT, NONE, SHADOW_SIZE, TEXTURE_SIZE
 
 Sampling = Literal["fibonacci", "random"]
 Estimator = Literal["ratio", "mean"]
@@ -32,6 +32,8 @@ Distance = float | str  # in the units of the mesh, or such as "10%"
 
 # Above this many triangles `unwrap="auto"` prefers uvunwrap, 10 to 40 times faster than xatlas on large surfaces.
 LARGE_MESH = 30_000
+
+AUTO_DIRECTIONS = 1152  # nine groups of 64 pairs
 
 _MAX_SIZE = 32768
 _NAMES = "A name may contain `*` and `?`."
@@ -235,21 +237,25 @@ class BakeOptions(_TextureSize, ValueOptions):
         "Width of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
     height: Annotated[int, Option(
         "Height of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
-    directions: Annotated[int, _visibility(
-        "Light directions, uniform on the sphere.", "-n", common=True, range=(1, 1_000_000),
-        more="They come in pairs, so an odd number is rounded up.")] = 1000
+    directions: Annotated[int | None, _visibility(
+        "Light directions, uniform on the sphere. auto: 1152, fewer rays where visibility is smooth.", "-n",
+        common=True, range=(1, 1_000_000), default_text="auto", quantity=DIRECTIONS, none=AUTO,
+        more="auto: a texel takes a ninth of them and shares what it sees with its neighbours, or takes all where they "
+        "differ. A number: all texels take as many. They come in pairs, so an odd number is rounded up.")] = None
     sampling: Annotated[Sampling, _visibility(
         "Take directions on a spherical Fibonacci lattice, or at random.",
         more="Random directions are antithetic pairs drawn from `seed`.")] = "fibonacci"
     seed: Annotated[int, _visibility("Seed of the random directions.", range=(0, 2**32 - 1))] = 0
     shadow_size: Annotated[int | None, _visibility(
-        "Side of the depth maps in texels.", range=(16, 8192), unit="texels", default_text="auto", quantity=SHADOW_SIZE,
+        "Side of the depth maps in texels.", range=(16, 8192), unit="texels", default_text="auto", none=AUTO,
+        quantity=SHADOW_SIZE,
         more="auto: 512 to 2048, so that its texels are somewhat smaller than the texture's on the surface, "
         "larger with fewer than 1000 directions.")] = None
     backend: Annotated[Backend, _visibility(
-        "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl, else ray.", common=True,
-        more="Rays are traced by Embree, need no OpenGL and take up to one and a half "
-        "times as long.")] = "auto"
+        "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl on a GPU, else what is faster.",
+        common=True,
+        more="Rays are traced by Embree and need no OpenGL. On a processor they are faster than maps with `directions` "
+        "auto, and take up to one and a half times as long with a number.")] = "auto"
     unwrap: Annotated[Unwrap, _mesh(
         "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.", common=True,
         more="keep keeps them also where they overlap, and warns. Else auto takes xatlas, or uvunwrap above 30,000 "
@@ -315,6 +321,16 @@ class BakeOptions(_TextureSize, ValueOptions):
         range=(1, _MAX_SIZE), unit="texels", quantity=TEXTURE_SIZE,
         more="auto: the smallest power of two from 64 to 8192 that holds `texel_density`; without that, at which the "
         "resolution adds an RMS error of at most 0.005, or 0.7 of `target_error`, estimated by ray tracing.")]] = None
+
+    @property
+    def direction_count(self) -> int:
+        """Number of light directions, before it is rounded up to pairs."""
+        return AUTO_DIRECTIONS if self.directions is None else self.directions
+
+    @property
+    def interleaves(self) -> bool:
+        """Whether texels may take fewer directions than there are, where rays are traced."""
+        return self.directions is None and self.target_error is None
 
     def __post_init__(self, size: int | tuple[int, int] | Literal["auto"] | None) -> None:
         """Check every value; raise ArgumentError where one is wrong."""

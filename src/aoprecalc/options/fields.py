@@ -34,7 +34,7 @@ _WORDS: dict[Kind, tuple[str, str]] = {
     "size": ("int or (int, int){or_auto}", "a whole number{bounds}, or a width and a height{or_auto}"),
     "distance": ("float or str", "a length above 0, or a share of the diagonal such as '10%'{or_none}"),
     "file": ("str or path-like{or_keywords}", "the path of a file{or_keywords}"),
-    "integer": ("int", "a whole number{bounds}"),
+    "integer": ("int", "a whole number{bounds}{or_none}"),
     "number": ("float", "a number{bounds}"),
     "text": ("str", "a text"),
 }

@@ -47,8 +47,12 @@ def _write_size(size: tuple[int, int] | str) -> str:
     return str(width) if width == height else f"{width}x{height}"
 
 
-def _read_shadow_size(text: str) -> int | None:
-    return None if text == "auto" else int(_match(r"\d{1,9}", text)[0])
+def _read_count(text: str) -> int | None:
+    return None if text == AUTO else int(_match(r"\d{1,9}", text)[0])
+
+
+def _write_count(count: int | None) -> str:
+    return AUTO if count is None else str(count)
 
 
 def _read_levels(text: str) -> tuple[int, ...]:
@@ -93,9 +97,8 @@ def _read_days(text: str) -> float:
 
 SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024", "N|WxH")
 TEXTURE_SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024, or auto", "N|WxH|auto")
-SHADOW_SIZE = Quantity(
-    _read_shadow_size, lambda size: "auto" if size is None else str(size), "a number of texels, or auto", "N|auto"
-)
+SHADOW_SIZE = Quantity(_read_count, _write_count, "a number of texels, or auto", "N|auto")
+DIRECTIONS = Quantity(_read_count, _write_count, "a number of directions, or auto", "N|auto")
 LEVELS = Quantity(
     _read_levels, lambda levels: ",".join(map(str, levels)), "numbers of spheres such as 8,32,128", "N,N,..."
 )

@@ -1,12 +1,13 @@
 """Batches on a Dask cluster: jobs on its workers, and one bake's visibility computed in parts by several of them."""
 
+import itertools
 import logging
 import os
 import pickle
 import re
 import secrets
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
@@ -35,7 +36,7 @@ from aoprecalc.pipeline.workers import JobEvent
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples
 from aoprecalc.types import Float32Array
-from aoprecalc.visibility.plan import chunks
+from aoprecalc.visibility.gather import TexelRequest
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
 _CLUSTER_TIMEOUT = 30  # seconds for a scheduler to answer, and to have a worker
@@ -249,46 +250,47 @@ class DaskVisibility(AbstractContextManager["DaskVisibility"]):
     def __call__(
         self, setup: BakeSetup, side: SurfaceSide, shadow_size: int, chunk_size: int, progress: Progress
     ) -> "DaskVisibilitySource":
-        """Submit a task for each group of axes and each chunk of the side's texels."""
+        """Return a source of the sums of one side's texels."""
         options = replace(setup.inputs.options, threads=self._threads)
         inputs = replace(setup.inputs, scene=replace(setup.inputs.scene, document=None), options=options)
         pickled = self._client.scatter(pickle.dumps(inputs), hash=False, broadcast=True)
-        bake_id, side_index = secrets.token_hex(8), setup.sides.index(side)
-        futures: dict[tuple[int, int], Any] = {}
-        for group in range(len(setup.groups)):
-            for chunk in chunks(len(side.texels), chunk_size):
-                task = VisibilityTask(
-                    self._label, bake_id, b"", side_index, group, chunk.start, chunk.stop, chunk_size, shadow_size
-                )
-                futures[group, chunk.start] = self._client.submit(
-                    evaluate_remotely, task, pickled, self._settings, pure=False, priority=-len(futures)
-                )
-        self._sources.append(DaskVisibilitySource(setup, futures, progress))
+        bake_id, side_index, counter = secrets.token_hex(8), setup.sides.index(side), itertools.count()
+
+        def submit(request: TexelRequest) -> Any:
+            task = VisibilityTask(self._label, bake_id, b"", side_index, request, chunk_size, shadow_size)
+            order = {"pure": False, "priority": -next(counter)}
+            return self._client.submit(evaluate_remotely, task, pickled, self._settings, **order)
+
+        self._sources.append(DaskVisibilitySource(setup, submit, progress))
         return self._sources[-1]
 
 
 class DaskVisibilitySource:
     """A VisibilitySource that waits for the tasks of one side."""
 
-    def __init__(self, setup: BakeSetup, futures: dict[tuple[int, int], Any], progress: Progress) -> None:
-        """Keep the futures, by group and first texel of the chunk."""
-        self._setup, self._futures, self._progress = setup, futures, progress
+    def __init__(self, setup: BakeSetup, submit: Callable[[TexelRequest], Any], progress: Progress) -> None:
+        """Keep what submits the task for a request, and returns its future."""
+        self._setup, self._submit, self._progress = setup, submit, progress
+        self._futures: deque[Any] = deque()
 
-    def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
-        """Return the sums of a chunk of texels; see VisibilitySource. Raises AoprecalcError if the task failed."""
-        future = self._futures.pop((group, chunk.start))
+    def expect(self, requests: Sequence[TexelRequest]) -> None:
+        """Submit the tasks; see VisibilitySource."""
+        self._futures.extend(map(self._submit, requests))
+
+    def visibility_sums(self, samples: Samples, request: TexelRequest) -> Float32Array:
+        """Return the sums of texels; see VisibilitySource. Raises AoprecalcError if the task failed."""
+        future = self._futures.popleft()
         try:
             outcome = future.result()
         except Exception as error:  # Dask raises errors of many kinds if workers are lost
             reason = _one_line(f"{type(error).__name__}: {error}", 300)
-            message = f"the cluster could not evaluate the visibility of group {group} of the axes ({reason})"
+            message = f"the cluster could not evaluate the visibility of group {request.group} of the axes ({reason})"
             raise AoprecalcError(f"{message}; {_RETRY_ADVICE}") from error
         if not isinstance(outcome, VisibilitySums):
             raise AoprecalcError(outcome.message)
-        axes = self._setup.groups[group]
-        self._progress.advance(2 * (axes.stop - axes.start))
+        self._progress.advance(self._setup.directions_of(request.group))
         return np.asarray(outcome.sums)
 
     def unused(self) -> list[Any]:
         """Return the futures that were not waited for, as when the target error was reached early."""
-        return list(self._futures.values())
+        return list(self._futures)

@@ -19,7 +19,7 @@ from aoprecalc.options.fields import option_files, with_files
 from aoprecalc.progress import Progress
 from aoprecalc.system import path_from
 from aoprecalc.types import Float32Array
-from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
+from aoprecalc.visibility.gather import LocalVisibility, TexelRequest, VisibilityFactory
 
 
 @dataclass(frozen=True)
@@ -149,14 +149,14 @@ Outcome = Success | Failure
 
 @dataclass(frozen=True, eq=False)
 class VisibilityTask:
-    """Part of the visibility of a bake, for a worker of a cluster: one chunk of texels, one group of axes.
+    """Part of the visibility of a bake, for a worker of a cluster: some texels, one group of axes.
 
     label         of the job, for messages
     bake_id       of the bake; the same for all of its tasks
     inputs        the BakeInputs, pickled
-    side, group   indices into the sides and the groups of axes of the BakeSetup
-    start, stop   the chunk, a range of the side's texels
-    chunk_size    texels of the longest chunk of any task of the bake
+    side          index into the sides of the BakeSetup
+    request       which of its texels, which axes
+    chunk_size    the most texels of any task of the bake
     shadow_size   width and height of a depth map in texels
     """
 
@@ -164,16 +164,14 @@ class VisibilityTask:
     bake_id: str
     inputs: bytes
     side: int
-    group: int
-    start: int
-    stop: int
+    request: TexelRequest
     chunk_size: int
     shadow_size: int
 
 
 @dataclass(frozen=True, eq=False)
 class VisibilitySums:
-    """The visibility sums of a task, (stop - start, columns) float32, and the seconds that they took."""
+    """The visibility sums of a task, (k, columns) float32, and the seconds that they took."""
 
     sums: Float32Array
     seconds: float = 0.0

@@ -236,7 +236,7 @@ class PendingAsset:
     def cost(self) -> tuple[int, int]:
         """Return a rough measure of how long it takes: texels times directions of the bake, bytes of the inputs."""
         bake = self.asset.spec.bake
-        samples = 0 if bake is None else (bake.width * bake.height or _USUAL_TEXELS) * bake.directions
+        samples = 0 if bake is None else (bake.width * bake.height or _USUAL_TEXELS) * bake.direction_count
         return samples, sum(stamp.size for stamp in self.inputs.files.values())
 
 

@@ -32,9 +32,8 @@ class VisibilityWorker:
         """Return the visibility sums of a task, or why there are none."""
         try:
             setup, source = self._prepare(task)
-            chunk = slice(task.start, task.stop)
-            samples = setup.samples(setup.sides[task.side], chunk, task.group)
-            sums = source.visibility_sums(samples, chunk, task.group)
+            samples = setup.samples(setup.sides[task.side], task.request.rows, task.request.group)
+            sums = source.visibility_sums(samples, task.request)
             setup.backend.check_errors()
         except (AoprecalcError, MemoryError, OSError) as error:
             return Failure("error", f"{task.label}: {error}", getattr(error, "exit_code", 1))

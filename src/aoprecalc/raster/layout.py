@@ -71,6 +71,10 @@ class Samples:
     faces: Int32Array
     weights: Float32Array
 
+    def select(self, rows: slice | BoolArray | NDArray[np.integer]) -> "Samples":
+        """Return those of some of the texels."""
+        return Samples(self.faces[rows], self.weights[rows])
+
 
 def keep_faces(samples: Samples, faces: BoolArray) -> Samples:
     """Drop the samples on faces that are not in the mask, (f,) bool."""

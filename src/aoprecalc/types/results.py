@@ -66,8 +66,8 @@ class Texels:
     def __len__(self) -> int:
         return len(self.index)
 
-    def select(self, chosen: slice | BoolArray) -> "Texels":
-        """Return those of a slice, or of a (k,) bool mask."""
+    def select(self, chosen: slice | BoolArray | Int32Array) -> "Texels":
+        """Return those of a slice, of a (k,) bool mask, or of rows in 0 .. k - 1."""
         return Texels(self.width, self.height, self.index[chosen])
 
 
@@ -140,6 +140,7 @@ class Baked:
     scene           the scene, with the roles of its parts; texture, atlas: the finished texture and its UVs
     normals         (f, 3, 3) float32: the shading normals that were used; vertex_ao: (f, 3) AO of vertices, if asked
     directions      number of light directions that were used
+    directions_per_texel   how many of them a texel took itself, in the mean: fewer where neighbours share what they see
     missed          texels without a value as their points are not on the detailed surface
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
     dark            its texels that get no light, and why
@@ -154,6 +155,7 @@ class Baked:
     atlas: Atlas
     normals: Float32Array
     directions: int
+    directions_per_texel: float
     sampling_error: float | None
     dark: DarkTexels
     backend: str

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from aoprecalc.errors import ArgumentError, RendererError
-from aoprecalc.gl.context import VERSION, Renderer, open_renderer, opengl_problem
+from aoprecalc.gl.context import VERSION, Renderer, is_software, open_renderer, opengl_problem
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.options import Backend as BackendKind
@@ -21,6 +21,7 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import Layout, Rasterizer, Samples
 from aoprecalc.types import Float32Array, Float64Array
 from aoprecalc.visibility.directions import Projections
+from aoprecalc.visibility.embree import casts_packets
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.ray_testers import PacketTester, RayTester
 from aoprecalc.visibility.rays import cast_depths, embreex_problem, require_embreex
@@ -196,16 +197,32 @@ class RayBackend:
 
 @contextmanager
 def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
-    """Open the backend that `options` ask for; auto is gl, else ray with a note; rays where distances count.
+    """Open the backend that `options` ask for.
 
-    Raises RendererError where there is none.
+    auto is gl on a GPU, and what is faster on a processor; ray with a note where there is no OpenGL. Where distances
+    count it is ray. Raises RendererError where there is none.
     """
     if options.max_distance is not None:
         progress.note("rays are traced: depth maps do not tell how far away an occluder is (--max-distance)")
         yield RayBackend(options.threads)
         return
-    with open_renderer_or_rays(options.backend, options.threads, progress) as renderer:
+    with ExitStack() as stack:
+        renderer = _choose(options.backend, options.threads, progress, stack)
+        if (
+            renderer is not None
+            and options.backend == "auto"
+            and is_software(renderer.name)
+            and _faster_by_rays(options)
+        ):
+            stack.close()
+            renderer = None
         yield RayBackend(options.threads) if renderer is None else GLBackend(renderer)
+
+
+def _faster_by_rays(options: BakeOptions) -> bool:
+    """Tell whether rays are faster than depth maps that are drawn by a processor: few, and in packets."""
+    packets = options.backfaces == "occlude" and embreex_problem() is None and casts_packets()
+    return options.interleaves and packets
 
 
 @contextmanager

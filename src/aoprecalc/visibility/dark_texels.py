@@ -28,7 +28,7 @@ from aoprecalc.types import (
 )
 from aoprecalc.visibility.backend import Backend, RayBackend
 from aoprecalc.visibility.directions import MIN_SHADOW_SIZE, light_axes
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion
+from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, TexelRequest
 from aoprecalc.visibility.ray_testers import RAY_OFFSET
 from aoprecalc.visibility.rays import RayCaster, embreex_problem
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
@@ -197,8 +197,8 @@ def first_look(
             continue
         samples = setup.texel_samples(side, slice(0, count), 0)
         visibility = LocalVisibility(setup, side, MIN_SHADOW_SIZE, count, Progress())
-        sums = visibility.visibility_sums(setup.measured(side, samples), slice(0, count), 0)
-        found, measured = setup.integrand.estimate(sums, coarse.directions)
+        sums = visibility.visibility_sums(setup.measured(side, samples), TexelRequest(0, slice(0, count)))
+        found, measured = setup.integrand.estimate(sums, _LOOK_DIRECTIONS)
         index = side.texels.index[measured]
         faces.ravel()[index], values.ravel()[index] = samples.faces[measured], found[measured]
     return faces, values

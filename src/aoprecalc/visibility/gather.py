@@ -3,39 +3,51 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aoprecalc.mesh.roles import in_poses
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage, ResolvedTexture
-from aoprecalc.types import (
-    BoolArray,
-    Float32Array,
-    Float64Array,
-    Texels,
-)
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array, Texels
 from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import texel_offset
 from aoprecalc.visibility.instances import SharedInstances, mean_over_poses, turns_to_rest
 from aoprecalc.visibility.integrand import sampling_error
+from aoprecalc.visibility.interleaving import GROUPS, MEAN_OFFSET, group_of_texels, share_sums
 from aoprecalc.visibility.plan import FIT_CHUNK, chunks
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
+
+
+@dataclass(frozen=True, eq=False)
+class TexelRequest:
+    """Texels whose visibility is asked for along one group of axes.
+
+    group   of the axes, an index into the groups of the BakeSetup
+    rows    which of the side's texels: a slice, or (k,) int32
+    """
+
+    group: int
+    rows: slice | Int32Array
 
 
 class VisibilitySource(Protocol):
     """Returns the visibility sums of one side's texels, computed in this process or elsewhere, with equal results."""
 
-    def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
-        """Return the sums of a chunk of the side's texels along one group of axes, (k, columns) float32.
+    def expect(self, requests: Sequence[TexelRequest]) -> None:
+        """Be ready for these requests, which come in this order, unless the gather ends early."""
+        ...
 
-        samples   of the texels in `chunk`, at the texel offset of the group
-        Called for the groups in order, and for each group for the chunks in order. See VisibilityTester.
+    def visibility_sums(self, samples: Samples, request: TexelRequest) -> Float32Array:
+        """Return the sums of texels along one group of axes, (k, columns) float32; see VisibilityTester.
+
+        samples   the measured points of these texels, at the texel offset of the group
         """
         ...
 
@@ -56,10 +68,13 @@ class LocalVisibility:
         turned = side.scene.poses and setup.integrand.vectors
         self._turns = turns_to_rest(side.scene, setup.inputs.normals) if turned else None
 
-    def visibility_sums(self, samples: Samples, chunk: slice, group: int) -> Float32Array:
-        """Return the sums of a chunk of texels; see VisibilitySource. Several poses take the memory of one."""
-        axes = self._setup.axes[self._setup.groups[group]]
-        return mean_over_poses(self._sums_in_poses(samples, axes, group))
+    def expect(self, requests: Sequence[TexelRequest]) -> None:
+        """Do nothing: sums are computed when they are asked for."""
+
+    def visibility_sums(self, samples: Samples, request: TexelRequest) -> Float32Array:
+        """Return the sums of texels; see VisibilitySource. Several poses take the memory of one."""
+        axes = self._setup.axes[self._setup.groups[request.group]]
+        return mean_over_poses(self._sums_in_poses(samples, axes, request.group))
 
     def _sums_in_poses(self, samples: Samples, axes: Float64Array, group: int) -> Iterator[Float32Array]:
         """Yield the sums in each pose, their vectors turned to the rest pose."""
@@ -124,6 +139,7 @@ class TexelOcclusion:
     reconstruction   every sample at its position in the texture, as occlusion (1 - AO value) and, where it is wanted,
                      visibility vector, to fit an image to
     directions       number of light directions used
+    per_texel        how many of them a texel took itself, in the mean
     error            the estimated sampling error of `values`, RMS; None where one group of axes was used
     vectors          (k, 3) float32: the mean visibility vectors; None where they are not wanted
     """
@@ -133,6 +149,7 @@ class TexelOcclusion:
     measured: BoolArray
     reconstruction: LeastSquaresImage
     directions: int
+    per_texel: float
     error: float | None
     vectors: Float32Array | None
 
@@ -140,41 +157,148 @@ class TexelOcclusion:
 def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_size: int) -> TexelOcclusion:
     """Sum the visibility of a side's texels over all axes (Précalcul, sections 1.1.2 and 1.1.3).
 
-    Stops after fewer axes where the bake's `target_error` is reached. Each group of axes samples the texels at an
-    offset of its own. Even and odd groups are summed separately: their difference tells the error. At most
-    `chunk_size` texels are processed at a time.
+    Each group of axes samples the texels at an offset of its own. Even and odd groups are summed separately: their
+    difference tells the error. At most `chunk_size` texels are processed at a time.
     """
-    scene, atlas, options, texels = setup.inputs.scene, setup.inputs.atlas, setup.inputs.options, side.texels
-    normals = setup.inputs.normals
-    integrand = setup.integrand
-    channels = integrand.columns - 1
-    reconstruction = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats, channels=channels)
-    face_areas = np.mean([area_per_texel(pose, atlas, texels) for pose, _ in in_poses(scene, normals)], axis=0)
-    halves = np.zeros((2, len(texels), integrand.columns), np.float32)
-    used = [0, 0]  # directions of each half
-    error = None
-    for number, group in enumerate(setup.groups):
-        count = 2 * (group.stop - group.start)
-        for chunk in chunks(len(texels), chunk_size):
-            samples = setup.texel_samples(side, chunk, number)
-            sums = source.visibility_sums(setup.measured(side, samples), chunk, number)
-            halves[number % 2, chunk] += sums
-            for start in range(0, len(sums), FIT_CHUNK):
-                rows = slice(start, start + FIT_CHUNK)
-                part = Samples(samples.faces[rows], samples.weights[rows])
-                values, measured = integrand.estimates(sums[rows], count)
-                values[:, 0] = 1.0 - values[:, 0]
-                # Weight each group as the estimator weights it in the total.
-                total = sums[rows, 1] if integrand.estimator == "ratio" else count
-                weights = np.where(measured, total * face_areas[part.faces], 0.0)
-                positions = texel_positions(atlas, texels, part)
-                reconstruction.add_samples(positions, values, weights, texel_offset(number))
-        used[number % 2] += count
-        if number % 2 or group is setup.groups[-1]:
-            error = sampling_error(halves, used, integrand, options.sampling)
-        if error is not None and options.target_error is not None and error <= options.target_error:
-            break
-    halves[0] += halves[1]
-    found, measured = integrand.estimates(halves[0], sum(used))
-    values, vectors = np.clip(found[:, 0], 0.0, 1.0), found[:, 1:] if integrand.vectors else None
-    return TexelOcclusion(texels, values, measured, reconstruction, sum(used), error, vectors)
+    gathering = _Gathering(setup, side, source, chunk_size)
+    if setup.interleaved:
+        gathering.interleave()
+    else:
+        gathering.take_groups()
+    return gathering.result()
+
+
+class _Gathering:
+    """The visibility sums of a side's texels so far, and the image that is fitted to their samples."""
+
+    def __init__(self, setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_size: int) -> None:
+        """Start without sums."""
+        self._setup, self._side, self._source, self._chunk_size = setup, side, source, chunk_size
+        texels, atlas, columns = side.texels, setup.inputs.atlas, setup.integrand.columns
+        self._image = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats, channels=columns - 1)
+        poses = in_poses(setup.inputs.scene, setup.inputs.normals)
+        self._face_areas = np.mean([area_per_texel(pose, atlas, texels) for pose, _ in poses], axis=0)
+        self._halves = np.zeros((2, len(texels), columns), np.float32)  # the sums of even and of odd groups
+        self._used = [0, 0]  # directions of each half
+        self._per_texel = 0.0  # directions that a texel took itself, in the mean
+        self._error: float | None = None
+
+    def take_groups(self) -> None:
+        """Sum the groups one after the other, until the bake's `target_error`, if it has one, is reached."""
+        target, texels = self._setup.inputs.options.target_error, self._side.texels
+        slices, groups = chunks(len(texels), self._chunk_size), range(len(self._setup.groups))
+        self._source.expect([TexelRequest(group, rows) for group in groups for rows in slices])
+        for group in groups:
+            for rows in slices:
+                samples = self._setup.texel_samples(self._side, rows, group)
+                sums = self._sums(samples, TexelRequest(group, rows))
+                self._halves[group % 2, rows] += sums
+                self._fit(samples, sums, group)
+            self._used[group % 2] += self._setup.directions_of(group)
+            self._per_texel += self._setup.directions_of(group)
+            if group % 2 or group == groups[-1]:
+                self._estimate_error()
+            if self._error is not None and target is not None and self._error <= target:
+                break
+
+    def interleave(self) -> None:
+        """Sum one group at each texel; share the sums where visibility is smooth, sum all other groups elsewhere."""
+        texels, side, setup = self._side.texels, self._side, self._setup
+        groups, normals = group_of_texels(texels), np.zeros((len(texels), 3), np.float16)
+        faces, own = np.full(len(texels), -1, np.int32), np.zeros_like(self._halves[0])
+        requests = [TexelRequest(group, rows) for group in range(GROUPS) for rows in self._chunks(groups == group)]
+        self._source.expect(requests)
+        for request in requests:
+            samples = setup.texel_samples(side, request.rows, request.group)
+            points = setup.measured(side, samples)
+            faces[request.rows], own[request.rows] = samples.faces, self._source.visibility_sums(points, request)
+            normals[request.rows] = side.surface.interpolate(points.faces, points.weights)[1]
+        self._used = [sum(map(setup.directions_of, range(half, GROUPS, 2))) for half in range(2)]
+        smooth = share_sums(texels, groups, own, normals, self._halves)
+        self._fit_shared(np.flatnonzero(smooth), faces)
+        self._sum_others(~smooth, groups, own)
+        if len(texels):
+            self._per_texel = sum(self._used) * (1 - (1 - 1 / GROUPS) * float(smooth.mean()))
+        self._estimate_error()
+
+    def _sum_others(self, chosen: BoolArray, groups: NDArray[np.int8], own: Float32Array) -> None:
+        """Sum at chosen texels, (k,) bool, the groups that they have not taken, and fit the image to all samples.
+
+        groups, own   (k,) the group that each texel has taken, and its sums, (k, columns)
+        """
+        work = [(group, rows, groups[rows] != group) for group in range(GROUPS) for rows in self._chunks(chosen)]
+        requests = [TexelRequest(group, rows[is_other]) for group, rows, is_other in work]
+        self._source.expect(requests)
+        for (group, rows, is_other), request in zip(work, requests, strict=True):
+            samples, sums = self._setup.texel_samples(self._side, rows, group), own[rows]
+            sums[is_other] = self._sums(samples.select(is_other), request)
+            self._halves[group % 2, rows] += sums
+            self._fit(samples, sums, group)
+
+    def _fit_shared(self, rows: NDArray[np.intp], faces: Int32Array) -> None:
+        """Fit the image to the shared sums of texels: they are of the middle of the samples of all groups.
+
+        faces   (k,) int32: of all texels
+        """
+        for start in range(0, len(rows), FIT_CHUNK):
+            some = rows[start : start + FIT_CHUNK]
+            row, column = np.divmod(self._side.texels.index[some], self._side.texels.width)
+            positions = (np.stack([column, row], axis=1) + MEAN_OFFSET).astype(np.float32)
+            sums = self._halves[0, some] + self._halves[1, some]
+            self._add(positions, faces[some], sums, sum(self._used), MEAN_OFFSET)
+
+    def _chunks(self, chosen: BoolArray) -> list[Int32Array]:
+        """Return the rows of chosen texels, (k,) bool, as many as are processed at a time."""
+        rows = np.flatnonzero(chosen).astype(np.int32)
+        return [rows[part] for part in chunks(len(rows), self._chunk_size)]
+
+    def _sums(self, samples: Samples, request: TexelRequest) -> Float32Array:
+        """Return the visibility sums at the points that are measured for samples of the textured mesh."""
+        return self._source.visibility_sums(self._setup.measured(self._side, samples), request)
+
+    def _fit(self, samples: Samples, sums: Float32Array, group: int) -> None:
+        """Fit the image to the sums of a group, (k, columns), at samples of the textured mesh."""
+        for start in range(0, len(sums), FIT_CHUNK):
+            rows = slice(start, start + FIT_CHUNK)
+            some = samples.select(rows)
+            positions = texel_positions(self._setup.inputs.atlas, self._side.texels, some)
+            self._add(positions, some.faces, sums[rows], self._setup.directions_of(group), texel_offset(group))
+
+    def _add(
+        self,
+        positions: Float32Array,
+        faces: Int32Array,
+        sums: Float32Array,
+        directions: int,
+        offset: tuple[float, float],
+    ) -> None:
+        """Add samples with their sums over a number of directions to the image; see `LeastSquaresImage`."""
+        integrand = self._setup.integrand
+        values, measured = integrand.estimates(sums, directions)
+        values[:, 0] = 1.0 - values[:, 0]
+        # Weight each group as the estimator weights it in the total.
+        total = sums[:, 1] if integrand.estimator == "ratio" else directions
+        weights = np.where(measured, total * self._face_areas[faces], 0.0)
+        self._image.add_samples(positions, values, weights, offset)
+
+    def _estimate_error(self) -> None:
+        self._error = sampling_error(
+            self._halves, self._used, self._setup.integrand, self._setup.inputs.options.sampling
+        )
+
+    def result(self) -> TexelOcclusion:
+        """Return the ambient occlusion of the texels; ends the gathering."""
+        integrand, total = self._setup.integrand, self._halves[0]
+        total += self._halves[1]
+        found, measured = integrand.estimates(total, sum(self._used))
+        values, vectors = np.clip(found[:, 0], 0.0, 1.0), found[:, 1:] if integrand.vectors else None
+        return TexelOcclusion(
+            texels=self._side.texels,
+            values=values,
+            measured=measured,
+            reconstruction=self._image,
+            directions=sum(self._used),
+            per_texel=self._per_texel,
+            error=self._error,
+            vectors=vectors,
+        )

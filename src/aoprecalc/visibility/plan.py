@@ -23,6 +23,8 @@ _PER_TEXTURE_TEXEL_SOLVING = 76  # while the least-squares image is solved and n
 _PER_CHUNK_TEXEL_SOLVING = 16  # freed memory that the allocator keeps during the solve
 # More where visibility vectors are gathered too: three values for each one.
 _VECTORS = {"texture": 24, "covered": 24, "chunk": 40, "solving": 48}
+# More where neighbouring texels take different directions: their group, sums, normal and face.
+_INTERLEAVED, _INTERLEAVED_VECTORS = 20, 12
 _PER_MAP_TEXEL = 8  # the near and the far depth along an axis
 _PER_TRIANGLE = 400  # while occluders are sorted and uploaded
 _MAPS = 1 << 26  # a batch of depth maps, unless a single axis takes more
@@ -56,6 +58,7 @@ def plan_gather(setup: BakeSetup) -> GatherPlan:
         shadow_size,
         triangles=len(setup.sides[0].surface.occluders) + (0 if detail is None else len(detail.scene.faces)),
         vectors=options.bent_normals,
+        interleaved=setup.interleaved,
     )
     return GatherPlan(shadow_size, chunk_size, sum(len(chunks(len(side.texels), chunk_size)) for side in setup.sides))
 
@@ -65,7 +68,7 @@ def _auto_shadow_size(setup: BakeSetup) -> int:
     inputs, texels = setup.inputs, len(setup.texels)
     detailed = detail_of(inputs.scene) is not None
     return max(
-        auto_shadow_size(posed, inputs.atlas, texels, inputs.options.directions, side.scene if detailed else None)
+        auto_shadow_size(posed, inputs.atlas, texels, inputs.options.direction_count, side.scene if detailed else None)
         for side in setup.sides
         for posed, _ in in_poses(setup.textured(side), inputs.normals)
     )
@@ -80,6 +83,7 @@ def texels_per_chunk(
     triangles: int,
     *,
     vectors: bool = False,
+    interleaved: bool = False,
 ) -> int:
     """Return how many texels can be processed at a time within `memory_limit` bytes; None is no limit.
 
@@ -91,6 +95,7 @@ def texels_per_chunk(
     shadow_size       side of the depth maps, in texels
     triangles         of the mesh
     vectors           visibility vectors are gathered too
+    interleaved       neighbouring texels take different directions
     Raises UsageError where not even FIT_CHUNK texels fit.
     """
     largest = _MAX_FIT_CHUNKS * FIT_CHUNK
@@ -99,8 +104,14 @@ def texels_per_chunk(
     map_bytes = _PER_MAP_TEXEL * shadow_size**2
     present = _resident() + _REST + max(0, map_bytes - _MAPS) + triangles * _PER_TRIANGLE
 
+    more = (_INTERLEAVED + vectors * _INTERLEAVED_VECTORS) * interleaved
+
     def needed(chunk: int) -> int:
-        gathering = texture_texels * _PER_TEXTURE_TEXEL + covered_texels * _PER_COVERED_TEXEL + chunk * _PER_CHUNK_TEXEL
+        gathering = (
+            texture_texels * _PER_TEXTURE_TEXEL
+            + covered_texels * (_PER_COVERED_TEXEL + more)
+            + chunk * _PER_CHUNK_TEXEL
+        )
         solving = texture_texels * _PER_TEXTURE_TEXEL_SOLVING + chunk * _PER_CHUNK_TEXEL_SOLVING
         if vectors:
             gathering += texture_texels * _VECTORS["texture"] + covered_texels * _VECTORS["covered"]

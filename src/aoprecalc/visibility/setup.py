@@ -13,7 +13,7 @@ from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.roles import baked_apart, in_poses
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
-from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Scene, Texels
+from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
 from aoprecalc.visibility.integrand import Integrand
@@ -63,6 +63,7 @@ class BakeSetup:
     axes     (a, 3) float64 unit vectors
     integrand   what each direction counts for
     groups   slices of the axes, in the order in which their sums are added
+    interleaved   neighbouring texels take different groups, see `interleaving`
     texels   all that the surface covers
     sides    the front, and the back where some faces are two-sided, in each pass: see `baked_apart`
     """
@@ -74,10 +75,11 @@ class BakeSetup:
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
         detail = detail_of(scene)
         self._projection = None if detail is None else Projection(scene, detail, options.threads)
-        self.axes: Float64Array = light_axes(options.directions, options.sampling, options.seed)
+        self.axes: Float64Array = light_axes(options.direction_count, options.sampling, options.seed)
         integrand = replace(Integrand.from_options(options, scene), vectors=options.bent_normals)
         self.integrand = integrand.for_directions(np.concatenate([self.axes, -self.axes]))
         self.groups = axis_groups(len(self.axes))
+        self.interleaved = options.interleaves and backend.kind == "ray"
         self.texels = self._rasterizer.coverage()
         passes = baked_apart(scene if detail is None else detail.scene)
         self.sides = [side for baked in passes for side in self._sides(baked, whole=len(passes) == 1)]
@@ -110,13 +112,17 @@ class BakeSetup:
         """Return the surface samples at the centres of any of the covered texels."""
         return self._rasterizer.samples(texels, CENTER)
 
-    def samples(self, side: SurfaceSide, chunk: slice, group: int) -> Samples:
-        """Return the points measured for a chunk of a side's texels, at the texel offset of a group of axes."""
-        return self.measured(side, self.texel_samples(side, chunk, group))
+    def directions_of(self, group: int) -> int:
+        """Return the number of light directions of a group of axes."""
+        return 2 * len(self.axes[self.groups[group]])
 
-    def texel_samples(self, side: SurfaceSide, chunk: slice, group: int) -> Samples:
-        """Return the points of the textured mesh for a chunk of a side's texels, at the offset of a group of axes."""
-        return self._rasterizer.samples(side.texels.select(chunk), texel_offset(group))
+    def samples(self, side: SurfaceSide, rows: slice | Int32Array, group: int) -> Samples:
+        """Return the points measured for some of a side's texels, at the texel offset of a group of axes."""
+        return self.measured(side, self.texel_samples(side, rows, group))
+
+    def texel_samples(self, side: SurfaceSide, rows: slice | Int32Array, group: int) -> Samples:
+        """Return the points of the textured mesh for some of a side's texels, at the offset of a group of axes."""
+        return self._rasterizer.samples(side.texels.select(rows), texel_offset(group))
 
     def measured(self, side: SurfaceSide, samples: Samples) -> Samples:
         """Return the points of a side that are measured for samples of the textured mesh: itself, or its detail."""
