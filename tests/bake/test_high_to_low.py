@@ -156,6 +156,31 @@ def test_details_that_no_texel_meets_are_an_error_that_says_why():
         ao.bake(flat(), options, high=[ao.Mesh(100 * corners + (0, 0, 1), faces)])
 
 
+@pytest.mark.parametrize(
+    ("place", "told"),
+    [
+        ((0, 0, 0), ""),
+        ((0.1, 0.1, 0.1), ""),
+        ((1.8, 0, 0), "45% of its diagonal beyond the details along x: from -1 to 1, the details from 0.8 to 2.8"),
+        ((0, -1, 0), "25% of its diagonal beyond the details along y: from -1 to 1, the details from -2 to 0"),
+    ],
+    ids=str,
+)
+def test_details_elsewhere_are_told(place, told):
+    """The diagonal of the block is 4, its height 2 sqrt(2)."""
+    positions, faces = box((-1, -1, -np.sqrt(2)), (1, 1, np.sqrt(2)))
+    details = ao.Mesh(positions + np.asarray(place), faces)
+    report = ao.bake(ao.Mesh(positions, faces), BakeOptions(**QUICK), high=[details]).report
+    found = [line for line in report.warnings if "beyond the details" in line]
+    assert found == ([f"the mesh reaches {told}; put both in the same place"] if told else [])
+
+
+def test_details_that_reach_farther_than_the_mesh_are_no_other_place():
+    roof = ao.Mesh(*quad((-500, -500, 0.5), (0, 1000, 0), (1000, 0, 0)))
+    report = ao.bake(flat(), BakeOptions(cage=0.01, **QUICK), high=[ao.Mesh(*plane(-0.005)), roof]).report
+    assert not [line for line in report.warnings if "beyond the details" in line]
+
+
 def files(folder):
     """A low and a high mesh, and a cage, as files."""
     for name, shape in (("rock.obj", plane()), ("rock_high.ply", bumpy(0.05)), ("cage.obj", plane(0.06))):

@@ -10,7 +10,7 @@ from aoprecalc.errors import InputError, option_name
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions, VerifyOptions
 from pipeline.helpers import run
-from shapes import box, clutter, quad, quad_uvs, scene, scene_of_parts
+from shapes import box, clutter, disc, quad, quad_uvs, scene, scene_of_parts
 
 QUICK = {"directions": 256, "size": 64}
 
@@ -54,6 +54,16 @@ def test_new_uvs_do_not_depend_on_the_surroundings(tmp_path):
     assert (alone.mesh.uvs == covered.mesh.uvs).all()
     assert covered.report.ao.mean < alone.report.ao.mean - 0.1
     assert "roof.obj: occludes with 2 triangles" in covered.report.notes
+
+
+@pytest.mark.parametrize(("height", "told"), [(30, False), (60, True)])
+def test_a_file_that_is_too_far_away_to_occlude_is_told(height, told, tmp_path):
+    """A disc of radius r at the height h over a floor takes r^2 / (r^2 + h^2) of its light."""
+    lamp = saved(tmp_path, "lamp.ply", disc(1, height))
+    floor = ao.Mesh(*quad((-0.01, -0.01, 0), (0.02, 0, 0), (0, 0.02, 0)))
+    report = ao.bake(floor, BakeOptions(occluder=lamp, backend="ray", size=16, directions=64)).report
+    (note,) = (line for line in report.notes if "occludes with" in line)
+    assert note.endswith(f"triangles, but is {height} away and takes less than 0.1% of the light") == told
 
 
 def test_the_mesh_of_a_bake_stands_alone_again(tmp_path):

@@ -20,7 +20,7 @@ from aoprecalc.mesh.detail import (
     detailed_surface,
     match_parts,
 )
-from aoprecalc.mesh.surface import absolute_length
+from aoprecalc.mesh.surface import absolute_length, bounding_box, box_distance, diagonal, positions_of
 from aoprecalc.metrics.difference import rounded
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import ValueOptions, VerifyOptions
@@ -36,6 +36,7 @@ from aoprecalc.visibility.setup import BakeSetup
 _MANY_MISSES = 0.01  # of the texels: a warning where more are not on the detailed surface
 _MIN_SHARE = 0.01  # of its texels: a part of which fewer are not there is not named
 _OTHER_SCALE = 8.0  # of one diagonal over another, from which units differ: feet and inches differ by 12
+_OTHER_PLACE = 0.1  # of the diagonal of the mesh, by which it reaches beyond details that are elsewhere
 _EVERYTHING = "every part meets all of the detailed surface"
 
 
@@ -99,7 +100,11 @@ def with_detail(low: Scene, options: ValueOptions, threads: int, high: Sequence[
     matches = match_parts(low.parts, surface.parts, by_name=options.match == "name")
     detail = Detail(surface, normals, matches.partners, cage_at(low, 0.0))
     detail = replace(detail, cage=_chosen_cage(low, detail, options, threads))
-    messages = [*(line for scene in scenes for line in differences(low, scene)), *_on_matches(low, surface, matches)]
+    messages = [
+        *(line for scene in scenes for line in differences(low, scene)),
+        *_on_place(low, surface),
+        *_on_matches(low, surface, matches),
+    ]
     read = [
         Note(f"{', '.join(scene.path.name for scene in scenes)}: {counted(len(surface.faces), 'triangle')} of details")
     ]
@@ -126,6 +131,18 @@ def _chosen_cage(low: Scene, detail: Detail, options: ValueOptions, threads: int
     if isinstance(options.cage, str):
         return cage_at(low, absolute_length(options.cage, low))
     return cage_at(low, options.cage)
+
+
+def _on_place(low: Scene, high: Scene) -> list[str]:
+    """Return a warning where the mesh reaches beyond the details, as one that is moved, turned or scaled does."""
+    box, other = bounding_box(positions_of(low, low.receives)), bounding_box(high.positions)
+    beyond = np.maximum(other[0] - box[0], box[1] - other[1])
+    axis, size = int(np.argmax(beyond)), diagonal(box)
+    if not beyond[axis] > _OTHER_PLACE * size:
+        return []
+    own, its = (" to ".join(f"{end:.4g}" for end in ends[:, axis]) for ends in (box, other))
+    found = f"the mesh reaches {beyond[axis] / size:.0%} of its diagonal beyond the details along {'xyz'[axis]}"
+    return [f"{found}: from {own}, the details from {its}; put both in the same place"]
 
 
 def _on_matches(low: Scene, high: Scene, matches: Matches) -> list[str]:
@@ -184,14 +201,13 @@ def messages_on_misses(setup: BakeSetup, missed: Texels) -> list[str]:
 
 def nothing_met(scene: Scene, detail: Detail, texels: int) -> str:
     """Say that none of the texels of a mesh meets its detailed surface, why where that is plain, and what to do."""
-    low, high = (np.array([own.positions.min(axis=0), own.positions.max(axis=0)]) for own in (scene, detail.scene))
-    sizes = [float(np.linalg.norm(box[1] - box[0])) for box in (low, high)]
+    low, high = (bounding_box(own.positions) for own in (scene, detail.scene))
+    sizes = [diagonal(box) for box in (low, high)]
     found = f"{scene.path}: none of {counted(texels, 'texel')} meets the detailed surface"
     if max(sizes) > _OTHER_SCALE * min(sizes):
         size, other = (f"{length:.3g}" for length in sizes)
         return f"{found}: the diagonal of the mesh is {size}, that of the details {other}; give them the same units"
-    gap = float(np.linalg.norm(np.maximum(np.maximum(high[0] - low[1], low[0] - high[1]), 0)))
-    if gap > max(sizes):
+    if (gap := box_distance(low, high)) > max(sizes):
         return f"{found}, which is {gap:.3g} away from the mesh; put both in the same place"
     return f"{found}; use a greater --cage, or --match nothing where names keep parts apart"
 

@@ -11,6 +11,7 @@ from aoprecalc.io import load_scene
 from aoprecalc.io.images import read_pixels
 from aoprecalc.mesh.opaque_triangles import opaque_pieces
 from aoprecalc.mesh.roles import finest_level
+from aoprecalc.mesh.surface import bounding_box, box_distance, diagonal, positions_of
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import named_files, with_files
 from aoprecalc.progress import Note
@@ -18,6 +19,7 @@ from aoprecalc.texture_lookup import linear_from_srgb
 from aoprecalc.types import REVERSED_WINDING, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.sky import sky_image
 
+_HARDLY_ANY = 1e-3  # of the light that a file takes: a quarter of a step of 8 bits
 _LINEAR = (".hdr", ".exr", ".tif", ".tiff")  # images of radiance
 
 
@@ -42,13 +44,28 @@ def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
         found, backs = _occluding_triangles(other, options)
         triangles += [found, backs]
         warnings += [*other.warnings, *differences(scene, other)]
-        notes += [*other.notes, Note(f"{other.path.name}: occludes with {counted(len(found), 'triangle')}")]
+        notes += [*other.notes, _note_on_occluder(scene, other, found)]
     return replace(
         scene,
         surroundings=np.concatenate(triangles),
         warnings=(*scene.warnings, *warnings),
         notes=(*scene.notes, *notes),
     )
+
+
+def _note_on_occluder(scene: Scene, other: Scene, triangles: Float64Array) -> Note:
+    """Note that a file occludes, and where it is so far away that it hardly does.
+
+    What lies in a sphere of radius r takes at most (r / d)^2 of the light of a point at the distance d from its centre.
+    """
+    found = f"{other.path.name}: occludes with {counted(len(triangles), 'triangle')}"
+    if not len(triangles):
+        return Note(found)
+    box = bounding_box(triangles)
+    gap, radius = box_distance(bounding_box(positions_of(scene, scene.receives)), box), diagonal(box) / 2
+    if radius**2 >= _HARDLY_ANY * gap**2:
+        return Note(found)
+    return Note(f"{found}, but is {gap:.3g} away and takes less than {_HARDLY_ANY:.1%} of the light")
 
 
 def _read_sky(path: Path) -> Float32Array:

@@ -182,6 +182,22 @@ def to_unit_sphere(positions: Float64Array) -> Float64Array:
     return scaled
 
 
+def bounding_box(points: Float64Array) -> Float64Array:
+    """Return the least and the greatest coordinates of (..., 3) points, at least one, (2, 3)."""
+    points = points.reshape(-1, 3)
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def diagonal(box: Float64Array) -> float:
+    """Return the length of the diagonal of a box, (2, 3)."""
+    return float(np.linalg.norm(box[1] - box[0]))
+
+
+def box_distance(box: Float64Array, other: Float64Array) -> float:
+    """Return the distance between two boxes, (2, 3) each; 0 where they touch or overlap."""
+    return float(np.linalg.norm(np.maximum(np.maximum(other[0] - box[1], box[0] - other[1]), 0)))
+
+
 def bounding_sphere(positions: Float64Array) -> tuple[Float64Array, float]:
     """Return the centre of the bounding box of (v, 3) positions and their greatest distance from it; 1 for a point."""
     center: Float64Array = (positions.min(axis=0) + positions.max(axis=0)) / 2
