@@ -7,8 +7,9 @@ import pytest
 
 import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
-from aoprecalc.api.bent_normals import TexelSurface, bent_normals, encoded, spherical_harmonics
+from aoprecalc.api.bent_normals import TexelSurface, _nearest, bent_normals, encoded, spherical_harmonics
 from aoprecalc.options import BakeOptions
+from aoprecalc.raster.padding import find_padding, pad
 from aoprecalc.types import REVERSED_WINDING
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.integrand import Integrand
@@ -228,13 +229,22 @@ def test_in_object_space_those_of_a_skin_are_as_its_vertices_are_stored(tmp_path
 
 
 def test_padding_repeats_the_nearest_texel():
-    from aoprecalc.raster.padding import pad
-
     bent, sh, found = baked(scene(*ball(2)), directions=64, padding=4)
     for image in (bent, sh):
         again = pad(image * found.texture.known[..., None], found.texture.known, 4)
         known = pad(found.texture.known, found.texture.known, 4)
         assert image[known] == pytest.approx(again[known], abs=1e-6)
+
+
+@pytest.mark.parametrize("repeats", [False, True])
+def test_a_texel_that_nothing_covers_takes_the_surface_of_the_texel_that_would_pad_it(repeats):
+    covered = np.random.default_rng(2).random((24, 31)) > 0.95
+    numbers = np.where(covered, np.arange(covered.size, dtype=np.int32).reshape(covered.shape), np.int32(-1))
+    padding = find_padding(covered, 3, repeats=repeats)
+    bare = np.flatnonzero(~covered).astype(np.int32)
+    found = _nearest(numbers, bare, repeats=repeats)
+    assert (found >= 0).sum() == len(padding.texels) > 300
+    assert (found[np.isin(bare, padding.texels)] == padding.sources[np.argsort(padding.texels)]).all()
 
 
 def test_arrays_from_python():

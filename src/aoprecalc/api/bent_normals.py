@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from aoprecalc.io.meshes import part_spaces
 from aoprecalc.mesh.surface import normalize
@@ -16,7 +17,7 @@ from aoprecalc.mesh.tangents import corner_tangents
 from aoprecalc.options import BakeOptions, BentSpace
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, Samples, build_layout
-from aoprecalc.raster.padding import find_padding, finish
+from aoprecalc.raster.padding import finish
 from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Int32Array, Scene, Texels
 
 _CLOSED = 1e-4  # length of a visibility vector up to which nothing is visible: the rest of the fit of the texture
@@ -129,13 +130,11 @@ class TexelSurface:
         index = np.flatnonzero(known).astype(np.int32)
         layout = build_layout(baked.scene, baked.atlas, width, height)
         samples = CPURasterizer(layout).samples(Texels(width, height, index), CENTER)
-        covered: BoolArray = np.zeros(known.shape, bool)
-        covered.ravel()[index] = samples.faces >= 0
         rows: Int32Array = np.full(known.shape, -1, np.int32)
         rows.ravel()[index] = np.where(samples.faces >= 0, np.arange(len(index)), -1)
-        around = find_padding(covered, _REACH, repeats=repeats)
-        rows.ravel()[around.texels] = rows.ravel()[around.sources]
         chosen = rows.ravel()[index]
+        bare = np.flatnonzero(chosen < 0)
+        chosen[bare] = _nearest(rows, index[bare], repeats=repeats)
         index, chosen = index[chosen >= 0], chosen[chosen >= 0]
         return cls(index, Samples(samples.faces[chosen], samples.weights[chosen]), baked)
 
@@ -146,13 +145,16 @@ class TexelSurface:
         )
 
     def interpolated(self, corners: Float32Array) -> Float32Array:
-        """Return vectors at the corners of faces, (f, 3, ..., 3), at the texels, (k, ..., 3), normalised."""
-        vectors = np.einsum("kc,kc...->k...", self.samples.weights, corners[self.samples.faces])
-        return normalize(vectors).astype(np.float32, copy=False)
+        """Return vectors at the corners of faces, (f, 3, ..., 3), interpolated at the texels, (k, ..., 3)."""
+        columns = (3 * self.samples.faces[:, None] + np.arange(3, dtype=np.int32)).ravel()
+        rows = np.arange(0, len(columns) + 1, 3, dtype=np.int32)
+        matrix = csr_array((self.samples.weights.ravel(), columns, rows), shape=(len(rows) - 1, 3 * len(corners)))
+        vectors: Float32Array = matrix @ corners.reshape(3 * len(corners), -1)
+        return vectors.reshape(-1, *corners.shape[2:])
 
     def normals(self) -> Float32Array:
         """Return the shading normals at the texels, (k, 3) unit vectors."""
-        return self.interpolated(self.baked.normals)
+        return normalize(self.interpolated(self.baked.normals)).astype(np.float32)
 
     def turned(self, vectors: Float32Array, space: BentSpace) -> Float32Array:
         """Return an image of vectors in the space of the scene, (height, width, 3), in another; their lengths stay."""
@@ -165,7 +167,7 @@ class TexelSurface:
             some = self.select(slice(start, start + _AT_ONCE))
             before = flat[some.index]
             after = some._in_parts(before) if bases is None else some._tangential(before, bases)
-            turned[some.index] = normalize(after) * np.linalg.norm(before, axis=1, keepdims=True)
+            turned[some.index] = after * _ratio(_length(before.T), _length(after.T))[:, None]
         return turned.reshape(vectors.shape)
 
     def _in_parts(self, vectors: Float32Array) -> Float32Array:
@@ -182,18 +184,20 @@ class TexelSurface:
         return result
 
     def _tangential(self, vectors: Float32Array, bases: Float32Array) -> Float32Array:
-        """Return the coordinates of vectors in the basis that viewers such as three.js use.
+        """Return the directions of vectors in the basis that viewers such as three.js use, of any length.
 
         Its columns are tangent, bitangent and normal, each interpolated between the corners and then normalised.
         bases   (f, 3, 3, 3): see `_corner_bases`
         """
-        tangent, bitangent, normal = self.interpolated(bases).transpose(1, 2, 0)
+        tangent, bitangent, normal = basis = np.ascontiguousarray(self.interpolated(bases).transpose(1, 2, 0))
         rows = _cross(bitangent, normal), _cross(normal, tangent), _cross(tangent, bitangent)
-        volume = _dot(tangent, rows[0])
-        flat = np.abs(volume) < _FLAT  # opposite tangents cancel: no viewer has a basis there
-        along = np.stack([_dot(row, vectors.T) for row in rows], axis=1) / np.where(flat, 1, volume)[:, None]
+        lengths, volume = [_length(vector) for vector in basis], _dot(tangent, rows[0])
+        flat = np.abs(volume) <= _FLAT * lengths[0] * lengths[1] * lengths[2]  # opposite tangents cancel: none has one
+        # The coordinates are the products with the rows over the volume: only its sign tells in their direction.
+        along = np.stack([_dot(row, vectors.T) * length for row, length in zip(rows, lengths, strict=True)], axis=1)
+        along *= np.copysign(np.float32(1), volume)[:, None]
         along[flat] = 0, 0, 1
-        return along.astype(np.float32, copy=False)
+        return along
 
 
 def _corner_bases(baked: Baked) -> Float32Array:
@@ -201,6 +205,24 @@ def _corner_bases(baked: Baked) -> Float32Array:
     normals, tangents = baked.normals, scene_tangents(baked.scene, baked.atlas, baked.normals)
     bitangents = (np.cross(normals, tangents[..., :3]) * tangents[..., 3:]).astype(np.float32)
     return np.stack([tangents[..., :3], bitangents, normals], axis=2)
+
+
+def _nearest(numbers: Int32Array, texels: Int32Array, *, repeats: bool) -> Int32Array:
+    """Return the number of the nearest texel within _REACH that has one, (k,); -1 where none has.
+
+    numbers   (height, width), -1 for texels without one
+    texels    (k,) row * width + column
+    """
+    height, width = numbers.shape
+    around = np.stack(np.meshgrid(*2 * [np.arange(-_REACH, _REACH + 1)], indexing="ij"), axis=-1).reshape(-1, 2)
+    distances = (around**2).sum(axis=1)
+    found = np.full(len(texels), -1, np.int32)
+    for right, down in around[np.argsort(distances, kind="stable")][1 : np.count_nonzero(distances <= _REACH**2)]:
+        missing = np.flatnonzero(found < 0)
+        row, column = texels[missing] // width + down, texels[missing] % width + right
+        inside = repeats | ((row >= 0) & (row < height) & (column >= 0) & (column < width))
+        found[missing] = np.where(inside, numbers[row % height, column % width], -1)
+    return found
 
 
 def _cross(u: Float32Array, v: Float32Array) -> Float32Array:
@@ -212,3 +234,13 @@ def _dot(u: Float32Array, v: Float32Array) -> Float32Array:
     """Return the scalar products of vectors, (3, k), as (k,)."""
     product: Float32Array = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
     return product
+
+
+def _length(u: Float32Array) -> Float32Array:
+    """Return the lengths of vectors, (3, k), as (k,)."""
+    return np.sqrt(_dot(u, u))
+
+
+def _ratio(a: Float32Array, b: Float32Array) -> Float32Array:
+    """Return a / b; 0 where b is 0."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
