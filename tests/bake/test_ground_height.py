@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
+from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.api.verify import measure_texture
 from aoprecalc.options import BakeOptions, PreviewOptions, VerifyOptions
 from aoprecalc.progress import Progress
@@ -44,9 +45,8 @@ def test_what_lies_below_the_ground_is_dark(backend):
     assert not [line for line in baked.notes if "ground" in line or "dark" in line]
     assert baked.dark.below_ground == pytest.approx(0.5, abs=0.05)
     found = measure_texture(
-        baked.scene,
+        PreparedScene(baked.scene, baked.normals),
         baked.atlas,
-        baked.normals,
         baked.texture.values,
         VerifyOptions(points=500, rays=256),
         Progress(),

@@ -7,6 +7,7 @@ import pytest
 
 import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
+from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.api.verify import measure_texture
 from aoprecalc.io import load_scene
 from aoprecalc.options import BakeOptions, VerifyOptions
@@ -63,9 +64,8 @@ def test_depth_maps_agree_with_rays_and_verify():
         options = BakeOptions(size=128, directions=512, backend=backend, self_occlusion="part", normals="flat")
         found[backend] = baked = bake_scene(made, options)
         how = VerifyOptions(points=400, rays=256)
-        errors = measure_texture(
-            baked.scene, baked.atlas, baked.normals, baked.texture.values, how, Progress(), value=baked.options
-        )
+        prepared = PreparedScene(baked.scene, baked.normals)
+        errors = measure_texture(prepared, baked.atlas, baked.texture.values, how, Progress(), value=baked.options)
         assert errors.levels[0].rmse < 0.04
     valid = found["gl"].texture.valid & found["ray"].texture.valid
     difference = (found["gl"].texture.values - found["ray"].texture.values)[valid]

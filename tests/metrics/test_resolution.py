@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aoprecalc.api.bake_scene import bake_scene
+from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.api.verify import measure_texture
 from aoprecalc.metrics import resolution
 from aoprecalc.metrics.resolution import resolution_error
@@ -60,7 +61,12 @@ def test_it_is_near_the_error_that_is_measured(shape, size):
     made = scene(*shape)
     baked = bake_scene(made, BakeOptions(size=size, directions=2048))
     measured = measure_texture(
-        made, baked.atlas, baked.normals, baked.texture.values, VerifyOptions(), Progress(), value=baked.options
+        PreparedScene(made, baked.normals),
+        baked.atlas,
+        baked.texture.values,
+        VerifyOptions(),
+        Progress(),
+        value=baked.options,
     )
     rest = baked.sampling_error**2 + NOISE**2
     lost = math.sqrt(max(measured.levels[0].rmse ** 2 - rest, 0.0))

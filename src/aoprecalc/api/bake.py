@@ -16,6 +16,7 @@ from aoprecalc.api.bake_textures import BakedTexture, BakedTextures, bake_textur
 from aoprecalc.api.bent_normals import bent_normals, spherical_harmonics
 from aoprecalc.api.high_to_low import detailed_meshes, names_of
 from aoprecalc.api.mesh import BakedMesh, MeshLike, as_mesh, given_or_default
+from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.api.reports import BakeOutputs, BakeReport
 from aoprecalc.api.verify import measure_texture, notes_on_shared_uvs
 from aoprecalc.errors import ArgumentError, counted
@@ -369,11 +370,8 @@ def bake_file(
             with timer.stage("figures"):
                 drawn.write(outputs, figures_of_bake(baked, options, figure_direction, mesh.stem, Progress()))
             named = replace(named, figures=tuple(map(str, drawn.paths)))
-        messages = (*_messages(baked), *written.messages)
-        errors = None
-        if verify:
-            errors = _measure(baked, bake.join(written.values()), options, progress, timer)
-            messages += _notes_on_shared_uvs(baked)
+        messages = (*_messages(baked), *written.messages, *(_notes_on_shared_uvs(baked) if verify else ()))
+        errors = _measure(baked, bake.join(written.values()), options, progress, timer) if verify else None
         document = bake_report(baked, options, named, errors, timer.seconds(), messages, bake.named)
         if plan.report is not None:
             write_json(outputs.path(plan.report.path), document.to_dict())
@@ -387,7 +385,9 @@ def _measure(
     """Measure a texture of the bake against ray tracing."""
     how = VerifyOptions(threads=options.threads)
     with timer.stage("verify", how.points, "points"):
-        return measure_texture(baked.scene, baked.atlas, baked.normals, texture, how, progress, value=options)
+        return measure_texture(
+            PreparedScene(baked.scene, baked.normals), baked.atlas, texture, how, progress, value=options
+        )
 
 
 def _messages(baked: Baked) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Verify: the error of an ambient-occlusion texture against ray tracing, as a renderer would show it."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -188,49 +188,32 @@ def verify(
     The value is that of *Précalcul*, equation 1.1.1.1; the rays are stratified and cosine-weighted.
     """
     options, progress = given_or_default(options, VerifyOptions), progress or Progress()
-    name = Path(mesh).stem if isinstance(mesh, str | PathLike) else getattr(mesh, "name", "mesh")
     timer = StageTimer(progress)
-    wanted = {"heat_map": (heat_map, f"{name}_heat_map.png"), "report": (report, f"{name}_verify.json")}
-    paths = {key: output_path(output, default, key) for key, (output, default) in wanted.items() if output is not None}
-    if "heat_map" in paths:
-        choose_bit_depth(paths["heat_map"], "8")
+    wanted = {key: output for key, output in (("heat_map", heat_map), ("report", report)) if output is not None}
+    paths = _output_paths(mesh, wanted)
     with Outputs() as outputs:
         with timer.stage("load"):
             _require_no_picture(mesh)
             mesh, details = as_mesh(mesh), detailed_meshes(high, options)
             options = replace(options, high=names_of(details)) if details else options
             surface = TexturedSurface.of(mesh._scene, find_texture(mesh, texture, options), options)
-        picture = surface.picture
-        outputs.protect([*source_files(surface.scene), *([] if picture.path is None else [picture.path])])
+        outputs.protect(_files_read(surface))
         for key, path in paths.items():
-            claim_output(outputs, wanted[key][0], path)
+            claim_output(outputs, wanted[key], path)
         value = surface.options  # of a mesh in memory, with paths
         if mesh.ao is None:
-            value = files_beside(value, options, surface.scene, picture.name)
+            value = files_beside(value, options, surface.scene, surface.picture.name)
         outputs.protect(map(Path, option_files(value)))
         prepared = PreparedScene.of(surface.scene, value, options.threads, details)
         surface = replace(surface, scene=prepared.scene)
         with timer.stage("rays", options.points, "points"):
-            verified = measure_texture(
-                prepared.scene,
-                surface.atlas,
-                prepared.normals,
-                picture.values,
-                options,
-                progress,
-                value=value,
-            )
+            verified = measure_texture(prepared, surface.atlas, surface.picture.values, options, progress, value=value)
         if "heat_map" in paths:
             with timer.stage("heat map"):
                 _write_heat_map(outputs.path(paths["heat_map"]), surface, verified)
         messages = [*_messages(surface, options), *messages_on_missed_points(verified)]
-        document = replace(
-            _report(surface, verified, options),
-            outputs=VerifyOutputs(**{key: str(path) for key, path in paths.items()}),
-            seconds=timer.seconds(),
-            warnings=warnings_of(messages),
-            notes=notes_of(messages),
-        )
+        written = VerifyOutputs(**{key: str(path) for key, path in paths.items()})
+        document = _report(surface, verified, options, written, timer.seconds(), messages)
         if "report" in paths:
             write_json(outputs.path(paths["report"]), document.to_dict())
     tell(progress, messages)
@@ -238,9 +221,8 @@ def verify(
 
 
 def measure_texture(
-    scene: Scene,
+    prepared: PreparedScene,
     atlas: Atlas,
-    normals: Float32Array,
     texture: Float32Array,
     options: VerifyOptions,
     progress: Progress,
@@ -249,15 +231,14 @@ def measure_texture(
 ) -> TextureErrors:
     """Measure a texture in memory, (h, w) float32 with row 0 at v = 1; points done are counted on `progress`.
 
-    scene     with the roles of its parts; see `assign_roles`
-    atlas     UVs of the texture; the faces that it maps are measured, some of them have area
-    normals   (f, 3, 3) float32: the shading normals at the corners
-    value     what the texture should hold
-    Raises RendererError where rays cannot be cast.
+    atlas   UVs of the texture; the faces that it maps are measured, some of them have area
+    value   what the texture should hold
+    Raises RendererError where rays cannot be cast, InputError where no point is on the detailed surface.
     """
+    scene = prepared.scene
     drawn = sample_surface(scene, atlas.mapped, options.points, options.seed)
     integrand = Integrand.from_options(value, scene)
-    surface = MeasuredSurface(scene, normals, options.threads)
+    surface = MeasuredSurface(scene, prepared.normals, options.threads)
     hit, on_surface = surface.points(drawn)
     if not hit.any():
         raise InputError(f"{scene.path}: none of its points are on the detailed surface; use a greater --cage")
@@ -275,6 +256,22 @@ def measure_texture(
         reference=expected,
         hit=hit,
     )
+
+
+def _output_paths(mesh: MeshLike, wanted: Mapping[str, str | PathLike[str]]) -> dict[str, Path]:
+    """Return where the heat map and the report go, those that are wanted; raises UsageError where they cannot."""
+    stem = Path(mesh).stem if isinstance(mesh, str | PathLike) else getattr(mesh, "name", "mesh")
+    defaults = {"heat_map": f"{stem}_heat_map.png", "report": f"{stem}_verify.json"}
+    paths = {key: output_path(output, defaults[key], key) for key, output in wanted.items()}
+    if "heat_map" in paths:
+        choose_bit_depth(paths["heat_map"], "8")
+    return paths
+
+
+def _files_read(surface: TexturedSurface) -> list[Path]:
+    """Return the files of the mesh and the picture."""
+    picture = surface.picture.path
+    return [*source_files(surface.scene), *([] if picture is None else [picture])]
 
 
 def _require_no_picture(mesh: MeshLike) -> None:
@@ -353,8 +350,14 @@ def _notes_on_rays(options: VerifyOptions) -> list[Note]:
     return [Note(f"{options.rays} rays per point are rounded up to {rays}, the next square")]
 
 
-def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOptions) -> VerifyReport:
-    """Return the report without outputs, seconds, warnings and notes."""
+def _report(
+    surface: TexturedSurface,
+    verified: TextureErrors,
+    options: VerifyOptions,
+    outputs: VerifyOutputs,
+    seconds: dict[str, float],
+    messages: Sequence[str],
+) -> VerifyReport:
     scene, atlas, picture = surface.scene, surface.atlas, surface.picture
     height, width = picture.values.shape
     errors = RayTracedErrors.of(verified)
@@ -362,7 +365,7 @@ def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOp
     return VerifyReport(
         input=VerifiedMesh(str(scene.path), len(scene.faces)),
         texture=VerifiedTexture(picture.name, width, height, mapped, atlas.charts, repeats=atlas.repeats),
-        outputs=VerifyOutputs(),
+        outputs=outputs,
         seed=options.seed,
         options=surface.options,
         options_from=None if picture.options is None else picture.name,
@@ -372,7 +375,7 @@ def _report(surface: TexturedSurface, verified: TextureErrors, options: VerifyOp
         worst=errors.worst,
         tolerance=options.tolerance,
         passed=options.tolerance is None or verified.levels[0].rmse <= options.tolerance,
-        seconds={},
-        warnings=(),
-        notes=(),
+        seconds=seconds,
+        warnings=warnings_of(messages),
+        notes=notes_of(messages),
     )
