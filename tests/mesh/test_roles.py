@@ -7,7 +7,7 @@ import pytest
 from aoprecalc.errors import InputError, UsageError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.options import LightOptions
-from aoprecalc.types import Material
+from aoprecalc.types import Ground, Material
 from shapes import box, scene_of_parts
 
 CAR = {"body": {"car", "paint"}, "window": {"car", "glass"}, "sign": {"shop", "neon"}, "road": {"asphalt"}}
@@ -95,8 +95,8 @@ def test_nothing_left_to_bake_is_refused(street):
 )
 def test_the_floor_is_below(street, kind, up, floor):
     made = replace(street, format=kind)
-    assert assign_roles(made, LightOptions()).ground_normal is None
-    assert assign_roles(made, LightOptions(ground=True, up=up)).ground_normal == floor
+    assert assign_roles(made, LightOptions()).around.ground is None
+    assert assign_roles(made, LightOptions(ground=True, up=up)).around.ground == Ground(floor)
 
 
 def test_instances_share_with_the_first_that_receives(street):

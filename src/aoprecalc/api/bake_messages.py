@@ -240,15 +240,16 @@ def _parts_with_few_texels(baked: Baked, texels: Float64Array) -> Iterator[tuple
 
 def _warnings_on_buried(scene: Scene, options: BakeOptions, texels: Float64Array) -> list[str]:
     """Warn of what lies below the ground; `texels` are the (f,) areas of the faces in the texture."""
-    if scene.ground_normal is None or scene.ground_height is None:
+    ground = scene.around.ground
+    if ground is None or ground.height is None:
         return []
-    heights = scene.corners @ np.asarray(scene.ground_normal)
-    share = float(texels @ (heights.mean(axis=1) < scene.ground_height)) / max(float(texels.sum()), 1e-30)
+    heights = scene.corners @ np.asarray(ground.normal)
+    share = float(texels @ (heights.mean(axis=1) < ground.height)) / max(float(texels.sum()), 1e-30)
     if share < _MIN_CAUSE:
         return []
     low, high = float(heights[scene.receives].min()), float(heights[scene.receives].max())
-    axis = "xyz"[int(np.argmax(scene.ground_normal))]
-    found = f"{share:.1%} of texels lie below the ground at {scene.ground_height:g} and are dark"
+    axis = "xyz"[int(np.argmax(ground.normal))]
+    found = f"{share:.1%} of texels lie below the ground at {ground.height:g} and are dark"
     reach = f"the mesh reaches from {low:g} to {high:g} along {axis}"
     other = ", or name another axis with --up" if options.up == "auto" and scene.up is None and share >= _MANY else ""
     return [f"{found}: {reach}; use a --ground-height of at most {low:g}{other}"]
@@ -275,14 +276,15 @@ def ground_alone(baked: Baked) -> float | None:
     the texture; of (1 + |n.u|) / 2 where a face is two-sided.
     """
     scene, atlas, options = baked.scene, baked.atlas, baked.options
-    if scene.ground_normal is None or (options.max_distance, options.cone, options.weight, options.sky) != (
+    ground = scene.around.ground
+    if ground is None or (options.max_distance, options.cone, options.weight, options.sky) != (
         None,
         180,
         "cosine",
         "uniform",
     ):
         return None
-    upward = geometric_normals(scene, baked.normals) @ np.asarray(scene.ground_normal)
+    upward = geometric_normals(scene, baked.normals) @ np.asarray(ground.normal)
     upward = np.where(scene.two_sided, np.abs(upward), upward)
     areas = doubled_uv_areas(atlas.uvs) * atlas.mapped
     return float((areas * (1 + upward) / 2).sum() / max(areas.sum(), 1e-30))

@@ -73,7 +73,7 @@ def bake_report(
         estimated_error=None if baked.sampling_error is None else round(baked.sampling_error, 6),
         sampling=options.sampling,
         options=baked.options,
-        floor=scene.ground_normal,
+        floor=None if scene.around.ground is None else scene.around.ground.normal,
         shadow_size=baked.shadow_size,
         unwrap=whole.unwrap,
         texels=whole.texels,

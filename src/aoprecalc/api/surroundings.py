@@ -35,7 +35,7 @@ def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
     extension.
     """
     if "sky" in named_files(options):
-        scene = replace(scene, sky=_read_sky(Path(options.sky)))
+        scene = replace(scene, around=replace(scene.around, sky=_read_sky(Path(options.sky))))
     if not options.occluder:
         return scene
     triangles, warnings, notes = list[Float64Array](), list[str](), list[str]()
@@ -47,7 +47,7 @@ def with_surroundings(scene: Scene, options: ValueOptions) -> Scene:
         notes += [*other.notes, _note_on_occluder(scene, other, found)]
     return replace(
         scene,
-        surroundings=np.concatenate(triangles),
+        around=replace(scene.around, occluders=np.concatenate(triangles)),
         warnings=(*scene.warnings, *warnings),
         notes=(*scene.notes, *notes),
     )

@@ -65,8 +65,7 @@ def detailed_surface(scenes: Sequence[Scene], low: Scene, options: ValueOptions)
     by_material = replace(options, only=(), exclude=(), occluders_only=(), all_parts=True)
     joined = assign_roles(_joined(scenes), by_material)
     parts = (replace(part, receives=True, uv_owner=None) for part in joined.parts)
-    around = {name: getattr(low, name) for name in ("surroundings", "ground_normal", "ground_height")}
-    return replace(joined, parts=tuple(parts), **around), np.concatenate(normals)
+    return replace(joined, parts=tuple(parts), around=low.around), np.concatenate(normals)
 
 
 def _joined(scenes: Sequence[Scene]) -> Scene:

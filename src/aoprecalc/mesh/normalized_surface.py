@@ -13,7 +13,7 @@ from aoprecalc.mesh.opaque_triangles import opaque_pieces, opaque_triangles
 from aoprecalc.mesh.roles import with_parts
 from aoprecalc.mesh.surface import area_vectors, bounding_sphere, geometric_normals, normalize, positions_of
 from aoprecalc.mesh.topology import unique_rows
-from aoprecalc.types import REVERSED_WINDING, BoolArray, Float32Array, Float64Array, Int32Array, Scene
+from aoprecalc.types import REVERSED_WINDING, BoolArray, Float32Array, Float64Array, Ground, Int32Array, Scene
 
 _MAX_FLOAT = 1e38  # of positions that nobody looks at
 _NO_TRIANGLES = np.zeros((0, 3, 3))
@@ -62,8 +62,8 @@ class NormalizedSurface:
         that: then it lies within 1/2 of the origin, and large occluders around it are cut, see `cut_by_distance`.
         """
         receiving = positions_of(scene, scene.receives)
-        around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
         shown = positions_of(scene, scene.receives | scene.occludes)
+        around = scene.around.occluders
         center, radius = bounding_sphere(np.concatenate([shown, around.reshape(-1, 3)]))
         own_center, own_radius = bounding_sphere(receiving)
         has_far_occluders = radius > 2 * own_radius
@@ -82,7 +82,8 @@ class NormalizedSurface:
         # Renderers and ray tracers need at least one triangle; this one has no area.
         stopping = occluders.astype(np.float32) if len(occluders) else np.zeros((1, 3, 3), np.float32)
         points = normalized(receiving).astype(np.float32)
-        up, height = np.asarray(scene.ground_normal or (0.0, 0.0, 0.0)), scene.ground_height
+        ground = scene.around.ground
+        up, height = (np.zeros(3), None) if ground is None else (np.asarray(ground.normal), ground.height)
         lowest = float(min((points @ up).min(), (stopping @ up).min()))
         ground_height = lowest if height is None else (height - float(center @ up)) / radius
         return cls(
@@ -94,7 +95,7 @@ class NormalizedSurface:
             one_sided=len(stopping_sides[0]),
             receiving_points=points,
             has_outer_occluders=bool((scene.occludes & ~scene.receives).any() or len(around)),
-            ground_normal=scene.ground_normal,
+            ground_normal=None if ground is None else ground.normal,
             ground_height=ground_height,
             buried=lowest < ground_height,
             unit=radius,
@@ -195,7 +196,7 @@ def _groups(scene: Scene, shading: Float32Array) -> SurfaceGroups | None:
     if not groups:
         return None
     receives = scene.receives
-    grounded = replace(scene, ground_height=_ground_height(scene))
+    grounded = replace(scene, around=replace(scene.around, ground=_fixed_ground(scene)))
     surfaces: list[NormalizedSurface] = []
     group, face = np.full(len(scene.faces), -1, np.int32), np.zeros(len(scene.faces), np.int32)
     for number in groups:
@@ -211,13 +212,13 @@ def _groups(scene: Scene, shading: Float32Array) -> SurfaceGroups | None:
     return SurfaceGroups(tuple(surfaces), group, face)
 
 
-def _ground_height(scene: Scene) -> float | None:
-    """Return the height of the ground of a scene, which is that of all its groups; None without a ground."""
-    if scene.ground_normal is None or scene.ground_height is not None:
-        return scene.ground_height
-    around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
+def _fixed_ground(scene: Scene) -> Ground | None:
+    """Return the ground of a scene at its height, which is that of all its groups; None without a ground."""
+    ground, around = scene.around.ground, scene.around.occluders
+    if ground is None or ground.height is not None:
+        return ground
     points = np.concatenate([positions_of(scene, scene.receives | scene.occludes), around.reshape(-1, 3)])
-    return float((points @ np.asarray(scene.ground_normal)).min())
+    return replace(ground, height=float((points @ np.asarray(ground.normal)).min()))
 
 
 # Occluders that count from one side, and from both.
@@ -229,7 +230,7 @@ def _occluders(scene: Scene, geometric: Float32Array) -> tuple[Float64Array, Flo
     geometric   (f, 3): the unit geometric normals, on the fronts
     Two triangles that are each other's back make a sheet with two sides.
     """
-    around = _NO_TRIANGLES if scene.surroundings is None else scene.surroundings
+    around = scene.around.occluders
     if scene.backs_occlude:
         return _NO_TRIANGLES, np.concatenate([opaque_triangles(scene), around])
     pieces, faces = opaque_pieces(scene)

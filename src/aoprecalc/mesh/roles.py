@@ -11,7 +11,7 @@ import numpy as np
 from aoprecalc.errors import ArgumentError, InputError, UsageError, counted, nearest
 from aoprecalc.mesh.topology import face_components
 from aoprecalc.options import LightOptions, PreviewOptions
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Part, Scene
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Ground, Part, Scene, Surroundings
 
 _CELLS = 64  # along the longest side of the parts that receive: those with an empty one between them are apart
 _MAX_SHARE, _MAX_GROUPS = 1 / 32, 16  # of that side that each group of parts takes up at most; groups
@@ -38,16 +38,13 @@ def assign_roles(scene: Scene, options: LightOptions, *, share: bool = False) ->
         scene,
         parts=_with_shares(parts, share),
         backs_occlude=options.backfaces == "occlude",
-        ground_normal=_ground_normal(scene, options),
-        ground_height=options.ground_height,
+        around=replace(scene.around, ground=_ground(scene, options)),
     )
 
 
 def without_surroundings(scene: Scene) -> Scene:
     """Return a scene alone: no ground, sky, occluders of other files or detailed surface; backs occlude, too."""
-    return replace(
-        scene, ground_normal=None, ground_height=None, sky=None, surroundings=None, backs_occlude=True, detail=None
-    )
+    return replace(scene, around=Surroundings(), backs_occlude=True, detail=None)
 
 
 def _with_roles(part: Part, number: int, options: LightOptions) -> Part:
@@ -71,8 +68,8 @@ def _own_group(part: Part, number: int, options: LightOptions) -> int | None:
     return of_file if options.self_occlusion == "part" else None
 
 
-def _ground_normal(scene: Scene, options: LightOptions) -> tuple[float, float, float] | None:
-    return _AXES[up_axis(scene, options)] if options.ground else None
+def _ground(scene: Scene, options: LightOptions) -> Ground | None:
+    return Ground(_AXES[up_axis(scene, options)], options.ground_height) if options.ground else None
 
 
 def up_axis(scene: Scene, options: LightOptions | PreviewOptions) -> Literal["x", "y", "z"]:

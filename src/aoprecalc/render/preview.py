@@ -139,12 +139,13 @@ def open_stage(
 def _ground_height(scene: Scene, frame: PictureFrame, points: Float64Array) -> float:
     """Return the height of the ground in a picture: where it was in the bake, else that of the lowest of the points."""
     lowest = float(points[:, 1].min())
-    if scene.ground_normal is None or scene.ground_height is None:
+    ground = scene.around.ground
+    if ground is None or ground.height is None:
         return lowest
-    up = np.asarray(scene.ground_normal)
+    up = np.asarray(ground.normal)
     if frame.rotation[1] @ up < 1:  # the picture has another axis upwards
         return lowest
-    return float(frame.points(scene.ground_height * up)[1])
+    return float(frame.points(ground.height * up)[1])
 
 
 @contextmanager

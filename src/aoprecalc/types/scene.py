@@ -104,6 +104,32 @@ class Part:
         return slice(self.start, self.stop)
 
 
+@dataclass(frozen=True)
+class Ground:
+    """An infinite plane, from below which no light comes.
+
+    normal   the unit vector away from it
+    height   along the normal; None: that of the lowest point of all that receives or occludes
+    """
+
+    normal: tuple[float, float, float]
+    height: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What surrounds a scene; nothing unless it is stated, and light comes from everywhere alike.
+
+    occluders   (o, 3, 3) float64: triangles of other files that occlude, too
+    ground      None where there is none
+    sky         (h, w) float32 > 0: an image of the light from all around, see `ImageSky`; None without one
+    """
+
+    occluders: Float64Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    ground: Ground | None = None
+    sky: Float32Array | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """All triangles of one file, in world space and in the file's units.
@@ -121,11 +147,8 @@ class Scene:
     welded         corners of a file without shared vertices that were moved to meet, and by how much at most
     warnings, notes   lines for the user about the input: those that may need an action, those that need none
     detail         the surface whose light is measured in the place of its own, see `mesh/detail.py`; None as a rule
-    sky            (h, w) float32 > 0: an image of the light from all around, see `ImageSky`; None without one
+    around         what surrounds it where it will stand
     backs_occlude  faces occlude what is behind them, too; else only those of double-sided materials do
-    surroundings   (o, 3, 3) float64: triangles of other files that occlude, too; None where there are none
-    ground_normal  the unit vector away from the infinite ground plane; None where there is none
-    ground_height  of that plane along its normal; None: that of the lowest point
     baked_only     (f,) bool: the only faces that receive, those of one of several textures; None for all
     poses          by name the same faces elsewhere, with their shading normals: light is measured in these, if any
     """
@@ -145,11 +168,8 @@ class Scene:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     detail: object = None
-    sky: Float32Array | None = None
+    around: Surroundings = field(default_factory=Surroundings)
     backs_occlude: bool = True
-    surroundings: Float64Array | None = None
-    ground_normal: tuple[float, float, float] | None = None
-    ground_height: float | None = None
     baked_only: BoolArray | None = None
     poses: Mapping[str, "Scene"] = field(default_factory=dict)
 

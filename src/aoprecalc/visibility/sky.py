@@ -206,5 +206,5 @@ def sky_of(scene: Scene, options: ValueOptions) -> Sky | None:
     frame = np.array(_FRAMES[up_axis(scene, options)], np.float64)
     if options.sky == "overcast":
         return OvercastSky(tuple(frame[2].tolist()))
-    assert scene.sky is not None  # read with the file of the options
-    return ImageSky(scene.sky, frame)
+    assert scene.around.sky is not None  # read with the file of the options
+    return ImageSky(scene.around.sky, frame)
