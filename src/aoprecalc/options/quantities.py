@@ -98,7 +98,7 @@ def _read_days(text: str) -> float:
 SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024", "N|WxH")
 TEXTURE_SIZE = Quantity(_read_size, _write_size, "a number of texels such as 1024, or 2048x1024, or auto", "N|WxH|auto")
 SHADOW_SIZE = Quantity(_read_count, _write_count, "a number of texels, or auto", "N|auto")
-DIRECTIONS = Quantity(_read_count, _write_count, "a number of directions, or auto", "N|auto")
+DIRECTIONS = Quantity(_read_count, _write_count, "a whole number of directions, or auto", "N|auto")
 LEVELS = Quantity(
     _read_levels, lambda levels: ",".join(map(str, levels)), "numbers of spheres such as 8,32,128", "N,N,..."
 )
