@@ -53,8 +53,8 @@ def run(folder, *words, start="", **variables):
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def works(name="a driver"):
-    facts = {"renderer": name, "vendor": "", "version": "4.5", "software": True, "max_texture_size": 16384}
+def works(name="a driver", *, software=True):
+    facts = {"renderer": name, "vendor": "", "version": "4.5", "software": software, "max_texture_size": 16384}
     return probing.ProbeAnswer(facts)
 
 
@@ -187,7 +187,9 @@ def test_a_probe_that_hangs_is_ended_and_the_others_are_heard(tmp_path):
 @pytest.mark.parametrize(
     ("answers", "name", "why"),
     [
-        (found(refuses(), works(), rays=works()), "EGL device 1", "the first that makes an OpenGL 4.3 context"),
+        (found(works(software=False), rays=works()), "EGL device 0", "the first that makes an OpenGL 4.3 context"),
+        (found(refuses(), works(), rays=works()), "Embree", "for a number of directions: EGL device 1"),
+        (found(refuses(), works(), rays=refuses()), "EGL device 1", "the first that makes an OpenGL 4.3 context"),
         (found(refuses(), rays=works()), "Embree", "there is no OpenGL 4.3, and rays can be traced"),
         (found(refuses(), crashes(), works(), rays=works()), "EGL device 1", "gets no further (signal 11"),
         (found(works(), crashes(), rays=refuses()), "EGL device 0", "the first"),

@@ -107,7 +107,7 @@ WRONG = [
     (BakeOptions, {"crease_angle": float("nan")}, "crease_angle is nan; expected a number from 0 to 180"),
     (BakeOptions, {"crease_angle": "40"}, "crease_angle is '40'; expected a number"),
     (BakeOptions, {"unwrap_timeout": 0}, "unwrap_timeout is 0; expected a number above 0, at most 1000000"),
-    (BakeOptions, {"directions": None}, "directions is None; expected a whole number"),
+    (BakeOptions, {"directions": "many"}, "directions is 'many'; expected a whole number from 1 to 1000000, or 'auto'"),
     (BakeOptions, {"fill": "red"}, "fill is 'red'; expected one of mean, pushpull, none"),
     (BakeOptions, {"fill": ["mean"]}, "fill is ['mean']; expected one of"),
     (BakeOptions, {"two_sided": 1}, "two_sided is 1; expected true or false"),
