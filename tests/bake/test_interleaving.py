@@ -10,7 +10,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.options.bake import AUTO_DIRECTIONS
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Texels
-from aoprecalc.visibility import interleaving, plan
+from aoprecalc.visibility import gather, interleaving, plan
 from aoprecalc.visibility.directions import texel_offset
 from aoprecalc.visibility.interleaving import GROUPS, MEAN_OFFSET, group_of_texels, share_sums
 from shapes import clutter, join, quad, scene, torus
@@ -222,9 +222,6 @@ def test_an_open_surface_is_exactly_one():
 
 
 def test_chunks_threads_and_bands_change_no_bit(monkeypatch):
-    from aoprecalc.raster import layout
-    from aoprecalc.visibility import gather
-
     made = scene(*torus())
     monkeypatch.setattr(plan, "FIT_CHUNK", 1000)
     monkeypatch.setattr(gather, "FIT_CHUNK", 1000)
@@ -232,7 +229,6 @@ def test_chunks_threads_and_bands_change_no_bit(monkeypatch):
     for chunks, threads, rows in ((100, 1, 256), (3, 2, 256), (1, 1, 11)):
         monkeypatch.setattr(plan, "_MAX_FIT_CHUNKS", chunks)
         monkeypatch.setattr(interleaving, "_BAND_ROWS", rows)
-        monkeypatch.setattr(layout, "BAND_TEXELS", 96 * rows)
         baked = bake_scene(made, BakeOptions(size=96, backend="ray", threads=threads, bent_normals=True))
         pictures.append(baked.texture.values.tobytes() + baked.texture.vectors.tobytes())
     assert pictures[0] == pictures[1] == pictures[2]

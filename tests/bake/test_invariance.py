@@ -11,7 +11,7 @@ from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.raster import layout as raster_layout
 from aoprecalc.texture_lookup import bilinear
-from aoprecalc.visibility import backend, depth_maps, gather, setup
+from aoprecalc.visibility import backend, depth_maps, gather, plan
 from shapes import ball, dented, join, quad, quad_uvs, rotation, scene, torus, triangle_a_cell
 
 slow = pytest.mark.slow
@@ -97,12 +97,12 @@ def test_chunks_change_no_bit(kind, monkeypatch):
     """Of which the last is smaller, and whose texels lie in some bands only."""
     made = scene(*still_life())
     options = BakeOptions(size=96, directions=130, shadow_size=128, backend=kind)
-    monkeypatch.setattr(setup, "FIT_CHUNK", 1000)
+    monkeypatch.setattr(plan, "FIT_CHUNK", 1000)
     monkeypatch.setattr(gather, "FIT_CHUNK", 1000)
     monkeypatch.setattr(raster_layout, "BAND_TEXELS", 20 * 96)
     pictures = []
     for parts in (100, 3, 1):
-        monkeypatch.setattr(setup, "_MAX_FIT_CHUNKS", parts)
+        monkeypatch.setattr(plan, "_MAX_FIT_CHUNKS", parts)
         pictures.append(bake_scene(made, options).texture.values.tobytes())
     assert pictures[0] == pictures[1] == pictures[2]
 

@@ -55,7 +55,6 @@ def bake_prepared(
     beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
     direction, RendererError where the renderer fails.
     """
-    backend.check_size(options)
     with timer.stage("unwrap"):
         chosen = choose_texture(backend, prepared, options, progress)
     options, atlas = chosen.options, chosen.atlas

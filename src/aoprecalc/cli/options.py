@@ -110,6 +110,19 @@ def quantity_type(quantity: Quantity) -> Callable[[str], Any]:
     return convert
 
 
+def _count_type(field: OptionField, quantity: Quantity) -> Callable[[str], Any]:
+    """Return the click type of a whole number that may be auto; it checks the range, too."""
+    read = quantity_type(quantity)
+
+    def convert(text: str) -> Any:
+        try:
+            return field.check(read(text))
+        except ArgumentError:
+            raise click.BadParameter(f"{text!r} was found; expected {field.expected}") from None
+
+    return convert
+
+
 def option(*names: str, **given: Any) -> Callable[[Declared], Declared]:
     """Declare an option that no options class has; see CliOption."""
     return click.option(*names, cls=CliOption, **given)
@@ -181,7 +194,9 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         default = field.default if about.quantity is None else _written_default(field, about.quantity)
         given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}
         if about.quantity:
-            given |= {"type": quantity_type(about.quantity), "metavar": about.quantity.metavar}
+            counts = field.kind == "integer" and about.none
+            read = _count_type(field, about.quantity) if counts else quantity_type(about.quantity)
+            given |= {"type": read, "metavar": about.quantity.metavar}
         elif field.kind == "file":
             given["type"] = FILE
         elif field.kind == "choice":

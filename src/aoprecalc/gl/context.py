@@ -73,6 +73,11 @@ class Renderer:
     kind: str
     name: str
 
+    @property
+    def max_size(self) -> int:
+        """The greatest width or height of a texture, in texels."""
+        return int(self.context.info["GL_MAX_TEXTURE_SIZE"])
+
 
 def is_software(renderer: str) -> bool:
     """Tell from GL_RENDERER whether a renderer runs on the processor."""

@@ -120,7 +120,7 @@ class GLBackend:
 
     def check_size(self, options: BakeOptions) -> None:
         """Raise UsageError for a texture beyond the renderer's limit; the band that is drawn never reaches it."""
-        limit = self._renderer.context.info["GL_MAX_TEXTURE_SIZE"]
+        limit = self._renderer.max_size
         size = max(options.width, options.height)
         if size > limit:
             raise ArgumentError(
@@ -200,7 +200,7 @@ def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
     """Open the backend that `options` ask for.
 
     auto is gl on a GPU, and what is faster on a processor; ray with a note where there is no OpenGL. Where distances
-    count it is ray. Raises RendererError where there is none.
+    count it is ray. Raises RendererError where there is none, UsageError for a size of the texture beyond it.
     """
     if options.max_distance is not None:
         progress.note("rays are traced: depth maps do not tell how far away an occluder is (--max-distance)")
@@ -208,21 +208,22 @@ def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
         return
     with ExitStack() as stack:
         renderer = _choose(options.backend, options.threads, progress, stack)
-        if (
-            renderer is not None
-            and options.backend == "auto"
-            and is_software(renderer.name)
-            and _faster_by_rays(options)
-        ):
+        if renderer is not None and options.backend == "auto" and _faster_by_rays(renderer, options):
             stack.close()
             renderer = None
-        yield RayBackend(options.threads) if renderer is None else GLBackend(renderer)
+        backend = RayBackend(options.threads) if renderer is None else GLBackend(renderer)
+        backend.check_size(options)
+        yield backend
 
 
-def _faster_by_rays(options: BakeOptions) -> bool:
-    """Tell whether rays are faster than depth maps that are drawn by a processor: few, and in packets."""
+def _faster_by_rays(renderer: Renderer, options: BakeOptions) -> bool:
+    """Tell whether rays are faster than the depth maps of a renderer: few, in packets, where a processor draws these.
+
+    What is too large for the renderer is left to it, to say so: by rays it would take hours, and much memory.
+    """
     packets = options.backfaces == "occlude" and embreex_problem() is None and casts_packets()
-    return options.interleaves and packets
+    too_large = max(options.width, options.height) > renderer.max_size
+    return is_software(renderer.name) and options.interleaves and packets and not too_large
 
 
 @contextmanager
