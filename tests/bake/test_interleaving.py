@@ -11,7 +11,7 @@ from aoprecalc.options.bake import AUTO_DIRECTIONS
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Texels
 from aoprecalc.visibility import gather, interleaving, plan
-from aoprecalc.visibility.directions import texel_offset
+from aoprecalc.visibility.directions import GROUP_SIZE, texel_offset
 from aoprecalc.visibility.interleaving import GROUPS, MEAN_OFFSET, group_of_texels, share_sums
 from shapes import clutter, join, quad, scene, torus
 
@@ -131,7 +131,7 @@ def slowly(texels, values):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_bands_decide_as_texel_by_texel(seed, monkeypatch):
-    monkeypatch.setattr(interleaving, "_BAND_ROWS", 7)
+    monkeypatch.setattr(interleaving, "_BAND_TEXELS", 7 * 26)
     rng = np.random.default_rng(seed)
     covered = rng.random((31, 26)) > 0.004
     texels = grid(26, 31, covered)
@@ -228,7 +228,7 @@ def test_chunks_threads_and_bands_change_no_bit(monkeypatch):
     pictures = []
     for chunks, threads, rows in ((100, 1, 256), (3, 2, 256), (1, 1, 11)):
         monkeypatch.setattr(plan, "_MAX_FIT_CHUNKS", chunks)
-        monkeypatch.setattr(interleaving, "_BAND_ROWS", rows)
+        monkeypatch.setattr(interleaving, "_BAND_TEXELS", rows * 96)
         baked = bake_scene(made, BakeOptions(size=96, backend="ray", threads=threads, bent_normals=True))
         pictures.append(baked.texture.values.tobytes() + baked.texture.vectors.tobytes())
     assert pictures[0] == pictures[1] == pictures[2]
@@ -253,5 +253,6 @@ def test_depth_maps_and_a_target_take_all_directions_at_all_texels(options):
     assert auto.texture.values.tobytes() == fixed.texture.values.tobytes()
 
 
-def test_the_mean_offset_is_in_the_middle():
+def test_the_groups_are_those_of_the_default_number_of_directions():
+    assert AUTO_DIRECTIONS == 2 * GROUPS * GROUP_SIZE
     assert np.allclose(MEAN_OFFSET, 0.5, atol=0.15)

@@ -270,7 +270,11 @@ def _run_self_test() -> SelfTestResult:
 def _install_hints(probes: ProbeResults, extras: dict[str, dict[str, str | None]]) -> list[InstallHint]:
     hints = []
     if has_headless_opengl() and not any(answer.works for _, answer in probes.opengl):
-        hints.append(InstallHint(_OPENGL, "to bake by depth maps, which is faster than by rays", INSTALLS.copy()))
+        hints.append(
+            InstallHint(
+                _OPENGL, "to bake by depth maps, faster by a GPU or with a number of directions", INSTALLS.copy()
+            )
+        )
     if not probes.rays.works:
         hints.append(InstallHint("embreex", "to trace rays, and to verify", {"any": "pip install embreex"}))
     if versions((_SIMPLIFIER,))[_SIMPLIFIER] is None:

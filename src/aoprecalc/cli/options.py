@@ -110,7 +110,7 @@ def quantity_type(quantity: Quantity) -> Callable[[str], Any]:
     return convert
 
 
-def _count_type(field: OptionField, quantity: Quantity) -> Callable[[str], Any]:
+def _count_or_auto(field: OptionField, quantity: Quantity) -> Callable[[str], Any]:
     """Return the click type of a whole number that may be auto; it checks the range, too."""
     read = quantity_type(quantity)
 
@@ -194,8 +194,8 @@ def _option_of(kind: type, field: OptionField) -> Callable[[Declared], Declared]
         default = field.default if about.quantity is None else _written_default(field, about.quantity)
         given |= {"default": default, "show_default": True} if default is not None else {"shown": about.default_text}
         if about.quantity:
-            counts = field.kind == "integer" and about.none
-            read = _count_type(field, about.quantity) if counts else quantity_type(about.quantity)
+            may_be_auto = field.kind == "integer" and about.none
+            read = _count_or_auto(field, about.quantity) if may_be_auto else quantity_type(about.quantity)
             given |= {"type": read, "metavar": about.quantity.metavar}
         elif field.kind == "file":
             given["type"] = FILE

@@ -238,7 +238,7 @@ class BakeOptions(_TextureSize, ValueOptions):
     height: Annotated[int, Option(
         "Height of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
     directions: Annotated[int | None, _visibility(
-        "Light directions, uniform on the sphere. auto: 1152, fewer rays where visibility is smooth.", "-n",
+        "Light directions, uniform on the sphere. auto: 1152, by rays fewer where visibility is smooth.", "-n",
         common=True, range=(1, 1_000_000), default_text="auto", quantity=DIRECTIONS, none=AUTO,
         more="auto: a texel takes a ninth of them and shares what it sees with its neighbours, or takes all where they "
         "differ. A number: all texels take as many. They come in pairs, so an odd number is rounded up.")] = None

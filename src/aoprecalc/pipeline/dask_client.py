@@ -8,7 +8,7 @@ import re
 import secrets
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
 from itertools import islice
@@ -252,6 +252,8 @@ class DaskVisibility(AbstractContextManager["DaskVisibility"]):
     ) -> "DaskVisibilitySource":
         """Return a source of the sums of one side's texels."""
         options = replace(setup.inputs.options, threads=self._threads)
+        if setup.backend.kind == "ray":  # which auto has taken: by workers with a GPU too
+            options = replace(options, backend="ray")
         inputs = replace(setup.inputs, scene=replace(setup.inputs.scene, document=None), options=options)
         pickled = self._client.scatter(pickle.dumps(inputs), hash=False, broadcast=True)
         bake_id, side_index, counter = secrets.token_hex(8), setup.sides.index(side), itertools.count()
@@ -273,7 +275,7 @@ class DaskVisibilitySource:
         self._setup, self._submit, self._progress = setup, submit, progress
         self._futures: deque[Any] = deque()
 
-    def expect(self, requests: Sequence[TexelRequest]) -> None:
+    def expect(self, requests: Iterable[TexelRequest]) -> None:
         """Submit the tasks; see VisibilitySource."""
         self._futures.extend(map(self._submit, requests))
 

@@ -19,7 +19,7 @@ from aoprecalc.pipeline.report import AssetResult, BatchProgress, BatchReport
 from aoprecalc.pipeline.state import STATE_FOLDER, StateFolder
 from aoprecalc.pipeline.store import CACHE_TAG, Cache, PendingAsset, ResultStore
 from aoprecalc.pipeline.workers import ProcessPool, WorkerPool
-from aoprecalc.visibility.backend import RayBackend, ray_note
+from aoprecalc.visibility.backend import RayBackend, ray_note, takes_rays
 
 _KNOWN_OUTPUTS = ("report.json", "spheres.json")  # suffixes of output names that are known before the work
 
@@ -244,7 +244,7 @@ def run_batch(
 def _fell_to_rays(result: AssetResult) -> bool:
     """Tell whether an asset has just been baked by rays although that is slower and nobody asked for it."""
     bake, summary = result.asset.spec.bake, result.summary or {}
-    is_free = bake is not None and bake.backend == "auto" and bake.max_distance is None
+    is_free = bake is not None and bake.backend == "auto" and not takes_rays(bake)
     return is_free and result.status == "made" and summary.get("renderer") == RayBackend.name
 
 

@@ -207,7 +207,8 @@ def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
         yield RayBackend(options.threads)
         return
     with ExitStack() as stack:
-        renderer = _choose(options.backend, options.threads, progress, stack)
+        heard = Progress() if takes_rays(options) else progress  # what would be told is that rays are slower
+        renderer = _choose(options.backend, options.threads, heard, stack)
         if renderer is not None and options.backend == "auto" and _faster_by_rays(renderer, options):
             stack.close()
             renderer = None
@@ -216,14 +217,19 @@ def open_backend(options: BakeOptions, progress: Progress) -> Iterator[Backend]:
         yield backend
 
 
+def takes_rays(options: BakeOptions) -> bool:
+    """Tell whether `auto` takes rays where there is no GPU, although OpenGL works: they are faster, or needed."""
+    few = options.interleaves and options.backfaces == "occlude" and embreex_problem() is None and casts_packets()
+    return few or options.max_distance is not None
+
+
 def _faster_by_rays(renderer: Renderer, options: BakeOptions) -> bool:
-    """Tell whether rays are faster than the depth maps of a renderer: few, in packets, where a processor draws these.
+    """Tell whether rays, which are few then and cast in packets, are faster than the depth maps of a renderer.
 
     What is too large for the renderer is left to it, to say so: by rays it would take hours, and much memory.
     """
-    packets = options.backfaces == "occlude" and embreex_problem() is None and casts_packets()
     too_large = max(options.width, options.height) > renderer.max_size
-    return is_software(renderer.name) and options.interleaves and packets and not too_large
+    return is_software(renderer.name) and takes_rays(options) and not too_large
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -40,7 +40,7 @@ class TexelRequest:
 class VisibilitySource(Protocol):
     """Returns the visibility sums of one side's texels, computed in this process or elsewhere, with equal results."""
 
-    def expect(self, requests: Sequence[TexelRequest]) -> None:
+    def expect(self, requests: Iterable[TexelRequest]) -> None:
         """Be ready for these requests, which come in this order, unless the gather ends early."""
         ...
 
@@ -68,7 +68,7 @@ class LocalVisibility:
         turned = side.scene.poses and setup.integrand.vectors
         self._turns = turns_to_rest(side.scene, setup.inputs.normals) if turned else None
 
-    def expect(self, requests: Sequence[TexelRequest]) -> None:
+    def expect(self, requests: Iterable[TexelRequest]) -> None:
         """Do nothing: sums are computed when they are asked for."""
 
     def visibility_sums(self, samples: Samples, request: TexelRequest) -> Float32Array:
@@ -158,7 +158,8 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     """Sum the visibility of a side's texels over all axes (Précalcul, sections 1.1.2 and 1.1.3).
 
     Each group of axes samples the texels at an offset of its own. Even and odd groups are summed separately: their
-    difference tells the error. At most `chunk_size` texels are processed at a time.
+    difference tells the error. At most `chunk_size` texels are processed at a time. By rays neighbouring texels
+    may take different groups, see `interleaving`.
     """
     gathering = _Gathering(setup, side, source, chunk_size)
     if setup.interleaved:
@@ -187,7 +188,7 @@ class _Gathering:
         """Sum the groups one after the other, until the bake's `target_error`, if it has one, is reached."""
         target, texels = self._setup.inputs.options.target_error, self._side.texels
         slices, groups = chunks(len(texels), self._chunk_size), range(len(self._setup.groups))
-        self._source.expect([TexelRequest(group, rows) for group in groups for rows in slices])
+        self._source.expect(TexelRequest(group, rows) for group in groups for rows in slices)
         for group in groups:
             for rows in slices:
                 samples = self._setup.texel_samples(self._side, rows, group)
@@ -203,35 +204,54 @@ class _Gathering:
 
     def interleave(self) -> None:
         """Sum one group at each texel; share the sums where visibility is smooth, sum all other groups elsewhere."""
-        texels, side, setup = self._side.texels, self._side, self._setup
-        groups, normals = group_of_texels(texels), np.zeros((len(texels), 3), np.float16)
-        faces, own = np.full(len(texels), -1, np.int32), np.zeros_like(self._halves[0])
-        requests = [TexelRequest(group, rows) for group in range(GROUPS) for rows in self._chunks(groups == group)]
-        self._source.expect(requests)
-        for request in requests:
-            samples = setup.texel_samples(side, request.rows, request.group)
-            points = setup.measured(side, samples)
-            faces[request.rows], own[request.rows] = samples.faces, self._source.visibility_sums(points, request)
-            normals[request.rows] = side.surface.interpolate(points.faces, points.weights)[1]
+        texels, setup = self._side.texels, self._setup
+        groups = group_of_texels(texels)
+        faces, own, normals = self._sum_own(groups)
         self._used = [sum(map(setup.directions_of, range(half, GROUPS, 2))) for half in range(2)]
         smooth = share_sums(texels, groups, own, normals, self._halves)
+        del normals
         self._fit_shared(np.flatnonzero(smooth), faces)
         self._sum_others(~smooth, groups, own)
         if len(texels):
             self._per_texel = sum(self._used) * (1 - (1 - 1 / GROUPS) * float(smooth.mean()))
         self._estimate_error()
 
+    def _sum_own(self, groups: NDArray[np.int8]) -> tuple[Int32Array, Float32Array, NDArray[np.float16]]:
+        """Sum at each texel its own group, (k,); return the faces and the sums of the texels, and their normals."""
+        texels, setup = self._side.texels, self._setup
+        faces, own = np.full(len(texels), -1, np.int32), np.zeros_like(self._halves[0])
+        normals = np.zeros((len(texels), 3), np.float16)
+
+        def requests() -> Iterator[TexelRequest]:
+            for group in range(GROUPS):
+                for rows in self._chunks(groups == group):
+                    yield TexelRequest(group, rows)
+
+        self._source.expect(requests())
+        for request in requests():
+            samples = setup.texel_samples(self._side, request.rows, request.group)
+            points = setup.measured(self._side, samples)
+            faces[request.rows], own[request.rows] = samples.faces, self._source.visibility_sums(points, request)
+            normals[request.rows] = self._side.surface.interpolate(points.faces, points.weights)[1]
+        return faces, own, normals
+
     def _sum_others(self, chosen: BoolArray, groups: NDArray[np.int8], own: Float32Array) -> None:
         """Sum at chosen texels, (k,) bool, the groups that they have not taken, and fit the image to all samples.
 
         groups, own   (k,) the group that each texel has taken, and its sums, (k, columns)
         """
-        work = [(group, rows, groups[rows] != group) for group in range(GROUPS) for rows in self._chunks(chosen)]
-        requests = [TexelRequest(group, rows[is_other]) for group, rows, is_other in work]
-        self._source.expect(requests)
-        for (group, rows, is_other), request in zip(work, requests, strict=True):
+        chosen_rows = self._chunks(chosen)
+        parts = [(group, rows) for group in range(GROUPS) for rows in chosen_rows]
+
+        def others(group: int, rows: Int32Array) -> TexelRequest:
+            return TexelRequest(group, rows[groups[rows] != group])
+
+        self._source.expect(others(group, rows) for group, rows in parts if (groups[rows] != group).any())
+        for group, rows in parts:
             samples, sums = self._setup.texel_samples(self._side, rows, group), own[rows]
-            sums[is_other] = self._sums(samples.select(is_other), request)
+            is_other = groups[rows] != group
+            if is_other.any():
+                sums[is_other] = self._sums(samples.select(is_other), others(group, rows))
             self._halves[group % 2, rows] += sums
             self._fit(samples, sums, group)
 

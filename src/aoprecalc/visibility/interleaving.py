@@ -31,7 +31,7 @@ _MAX_CHANGE = 0.015
 _WINDOW = 5  # texels along both sides, over which that RMS is taken
 _MIN_COSINE = 0.9  # of the normals of texels that share: creases bend more
 _REACH = 1 + PERIOD + _WINDOW // 2  # texels that decide about a texel
-_BAND_ROWS = 256  # at a time: bounds memory
+_BAND_TEXELS = 1 << 18  # whose rows are looked at at a time: bounds memory
 _NO_TEXEL = -1
 
 
@@ -54,8 +54,9 @@ def share_sums(
     smooth: BoolArray = np.zeros(len(texels), bool)
     number: Int32Array = np.full((texels.height, texels.width), _NO_TEXEL, np.int32)
     number.ravel()[texels.index] = np.arange(len(texels), dtype=np.int32)
-    for top in range(0, texels.height, _BAND_ROWS):
-        start, stop = max(0, top - _REACH), min(top + _BAND_ROWS, texels.height)
+    rows_at_once = max(1, _BAND_TEXELS // texels.width)
+    for top in range(0, texels.height, rows_at_once):
+        start, stop = max(0, top - _REACH), min(top + rows_at_once, texels.height)
         band = number[start : stop + _REACH]
         has_texel = band != _NO_TEXEL
         odd = has_texel & (groups[band] % 2 == 1)

@@ -23,8 +23,8 @@ _PER_TEXTURE_TEXEL_SOLVING = 76  # while the least-squares image is solved and n
 _PER_CHUNK_TEXEL_SOLVING = 16  # freed memory that the allocator keeps during the solve
 # More where visibility vectors are gathered too: three values for each one.
 _VECTORS = {"texture": 24, "covered": 24, "chunk": 40, "solving": 48}
-# More where neighbouring texels take different directions: their group, sums, normal and face.
-_INTERLEAVED, _INTERLEAVED_VECTORS = 20, 12
+# More where neighbouring texels take different directions: their groups, sums, normals, faces, and rows of requests.
+_INTERLEAVED = {"covered": 32, "vectors": 12}
 _PER_MAP_TEXEL = 8  # the near and the far depth along an axis
 _PER_TRIANGLE = 400  # while occluders are sorted and uploaded
 _MAPS = 1 << 26  # a batch of depth maps, unless a single axis takes more
@@ -104,15 +104,11 @@ def texels_per_chunk(
     map_bytes = _PER_MAP_TEXEL * shadow_size**2
     present = _resident() + _REST + max(0, map_bytes - _MAPS) + triangles * _PER_TRIANGLE
 
-    more = (_INTERLEAVED + vectors * _INTERLEAVED_VECTORS) * interleaved
-
     def needed(chunk: int) -> int:
-        gathering = (
-            texture_texels * _PER_TEXTURE_TEXEL
-            + covered_texels * (_PER_COVERED_TEXEL + more)
-            + chunk * _PER_CHUNK_TEXEL
-        )
+        gathering = texture_texels * _PER_TEXTURE_TEXEL + covered_texels * _PER_COVERED_TEXEL + chunk * _PER_CHUNK_TEXEL
         solving = texture_texels * _PER_TEXTURE_TEXEL_SOLVING + chunk * _PER_CHUNK_TEXEL_SOLVING
+        if interleaved:
+            gathering += covered_texels * (_INTERLEAVED["covered"] + vectors * _INTERLEAVED["vectors"])
         if vectors:
             gathering += texture_texels * _VECTORS["texture"] + covered_texels * _VECTORS["covered"]
             gathering += chunk * _VECTORS["chunk"]
