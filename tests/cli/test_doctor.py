@@ -93,7 +93,7 @@ def test_the_json_names_the_renderer_that_a_bake_names(tmp_path):
     assert report["machine"]["cores"] > 0
     assert [entry["name"] for entry in report["renderers"]][-2:] == ["OSMesa", "Embree"]
     assert {name for name, version in report["libraries"].items() if version is None} == set()
-    baked = bake_scene(scene(*ball(1)), BakeOptions(size=32, directions=64))
+    baked = bake_scene(scene(*ball(1)), BakeOptions(size=32))
     (taken,) = (entry for entry in report["renderers"] if entry["name"] == report["auto"]["name"])
     for said in (taken, report["self_test"]):
         assert (said["backend"], said["renderer"]) == (baked.backend, baked.renderer)
