@@ -136,11 +136,13 @@ def test_bands_decide_as_texel_by_texel(seed, monkeypatch):
     covered = rng.random((31, 26)) > 0.004
     texels = grid(26, 31, covered)
     x, y = positions_of(texels).T
-    values = 0.5 + 0.3 * np.sin(x / 5) * np.cos(y / 4 + seed) + 0.03 * rng.normal(size=GROUPS)[group_of_texels(texels)]
+    values = (
+        0.5 + 0.3 * np.sin(x * x / 90) * np.cos(y / 4 + seed) + 0.03 * rng.normal(size=GROUPS)[group_of_texels(texels)]
+    )
     order = rng.permutation(len(texels))
     smooth, _ = shared(Texels(26, 31, texels.index[order]), values[order])
     expected = slowly(texels, values)
-    assert 0.05 < expected.mean() < 0.95
+    assert 0.1 < expected.mean() < 0.6
     assert (smooth == expected[order]).all()
 
 
