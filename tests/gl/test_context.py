@@ -13,6 +13,7 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress
 from aoprecalc.uv import unwrap as unwrapping
 from aoprecalc.visibility.backend import open_backend
+from aoprecalc.visibility.embree import casts_packets
 from shapes import scene, torus
 
 moderngl = pytest.importorskip("moderngl")  # installed on Linux only
@@ -67,21 +68,29 @@ def test_without_any_library_the_error_says_what_to_install(monkeypatch):
     ],
 )
 def test_without_any_way_to_opengl_nothing_is_tried_and_rays_are_traced(platform, hidden, expected, monkeypatch):
+    assert casts_packets()  # asked once for the process: before the system is another
     monkeypatch.setattr(sys, "platform", platform)
     if hidden:
         monkeypatch.setitem(sys.modules, hidden, None)
     with pytest.raises(RendererError) as raised, context.open_renderer():
         pass
     assert str(raised.value) == expected
+    assert ray_notes(BakeOptions(directions=1000)) == [
+        f"tracing rays instead of drawing depth maps, as there is {expected}"
+    ]
+    assert ray_notes(BakeOptions()) == []  # rays are faster than software OpenGL then
+
+
+def ray_notes(options):
     notes = []
 
     class Heard(Progress):
         def note(self, text):
             notes.append(text)
 
-    with open_backend(BakeOptions(), Heard()) as backend:
+    with open_backend(options, Heard()) as backend:
         assert backend.kind == "ray"
-    assert notes == [f"tracing rays instead of drawing depth maps, as there is {expected}"]
+    return notes
 
 
 def test_a_size_beyond_the_renderer_is_refused_before_anything_is_unwrapped(monkeypatch):
