@@ -65,6 +65,18 @@ def test_so_they_are_on_and_below_a_ground_seed_3(max_distance, of_samples, monk
 
 
 @BOTH
+@pytest.mark.parametrize("axes", [1, 16, 17])
+def test_packets_that_are_not_full_see_no_more_seed_3(axes, of_samples, monkeypatch):
+    surface, samples = still(3)
+    some = samples.select(slice(0, 33))
+    monkeypatch.setattr(packets, "_SAMPLES_PER_TRIANGLE", 0.0 if of_samples else np.inf)
+    single = sums(RayTester(surface, Integrand()), some, AXES[:axes])
+    fast = sums(PacketTester(surface, Integrand()), some, AXES[:axes])
+    assert 0 < single[:, 0].sum() < single[:, 1].sum()
+    assert fast == pytest.approx(single, abs=1e-5)
+
+
+@BOTH
 def test_threads_and_tasks_do_not_change_a_bit_seed_3(of_samples, monkeypatch):
     surface, samples = still(3)
     whole = packed(surface, Integrand(), samples, of_samples=of_samples, monkeypatch=monkeypatch)

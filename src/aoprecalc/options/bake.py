@@ -255,7 +255,7 @@ class BakeOptions(_TextureSize, ValueOptions):
         "Measure visibility by depth maps in OpenGL (gl) or by rays (ray). auto: gl on a GPU, else what is faster.",
         common=True,
         more="Rays are traced by Embree and need no OpenGL. On a processor they are faster than maps with `directions` "
-        "auto, and take up to one and a half times as long with a number.")] = "auto"
+        "auto, and take 0.9 to 1.7 times as long with a number.")] = "auto"
     unwrap: Annotated[Unwrap, _mesh(
         "Keep the file's UVs, or make new ones. auto keeps UVs that can hold a bake.", common=True,
         more="keep keeps them also where they overlap, and warns. Else auto takes xatlas, or uvunwrap above 30,000 "

@@ -36,7 +36,8 @@ BORDER_RULES = {
 }
 
 BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory
-_BLOCK = 16  # texels a side; measured: the gather is a tenth to a quarter faster than in rows
+_TILE = 4  # texels a side: those of a packet of 16 rays
+_BLOCK = 3 * _TILE  # texels a side: of every third row and column, as interleaved directions have them, a packet
 _MORTON_BITS = 11  # of a coordinate
 
 
@@ -234,11 +235,20 @@ def row_bands(width: int, height: int) -> list[tuple[int, int]]:
 
 
 def order_in_blocks(index: Int64Array, width: int) -> Int64Array:
-    """Sort texels by square blocks along a Z-order curve, so that neighbours read the same part of a depth map."""
-    row, column = (position // _BLOCK for position in np.divmod(index, width))
+    """Sort texels by square blocks along a Z-order curve, and by square tiles in these.
+
+    So neighbours read the same part of a depth map, and the rays of a packet start side by side. Measured: the gather
+    from maps is a tenth to a quarter faster than in rows, and rays are up to a fifth faster than in the rows of blocks.
+
+    index   (k,) of the texels, ascending
+    """
+    row, column = np.divmod(index, width)
     columns = -(-width // _BLOCK)
-    blocks = np.column_stack(np.divmod(np.arange(columns * (int(row.max(initial=0)) + 1)), columns))
-    return index[np.argsort(morton_codes(blocks)[row * columns + column], kind="stable")]
+    blocks = np.column_stack(np.divmod(np.arange(columns * (int(row.max(initial=0)) // _BLOCK + 1)), columns))
+    code = morton_codes(blocks)[row // _BLOCK * columns + column // _BLOCK]
+    for place in (row, column):
+        code = code * (_BLOCK // _TILE) + place % _BLOCK // _TILE
+    return index[np.argsort(code, kind="stable")]
 
 
 def morton_codes(cells: NDArray[np.integer]) -> Int64Array:

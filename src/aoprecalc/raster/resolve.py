@@ -58,16 +58,18 @@ class LeastSquaresImage:
         values: Float32Array,
         weights: Float64Array,
         offset: tuple[float, float] | None = None,
+        means_of: int = 1,
     ) -> None:
         """Add samples: (m, 2) float32 positions in texels (right, down), values and (m,) weights >= 0.
 
         values   (m, channels), or (m,) where there is one channel
+        means_of   how many samples each of them is the mean of: the prior weighs as much as one of these
         offset   at which most samples lie in the square of their texel: all of these are added at once, which is faster
         """
         values, used = values.reshape(-1, self.channels), weights > 0
         if not used.all():
             positions, values, weights = positions[used], values[used], weights[used]
-        self._weight, self._count = self._weight + float(weights.sum()), self._count + len(weights)
+        self._weight, self._count = self._weight + float(weights.sum()), self._count + means_of * len(weights)
         if offset is not None:
             if offset != self._offset:
                 self._add_pending()

@@ -265,7 +265,7 @@ class _Gathering:
             row, column = np.divmod(self._side.texels.index[some], self._side.texels.width)
             positions = (np.stack([column, row], axis=1) + MEAN_OFFSET).astype(np.float32)
             sums = self._halves[0, some] + self._halves[1, some]
-            self._add(positions, faces[some], sums, sum(self._used), MEAN_OFFSET)
+            self._add(positions, faces[some], sums, sum(self._used), MEAN_OFFSET, means_of=GROUPS)
 
     def _chunks(self, chosen: BoolArray) -> list[Int32Array]:
         """Return the rows of chosen texels, (k,) bool, as many as are processed at a time."""
@@ -291,6 +291,7 @@ class _Gathering:
         sums: Float32Array,
         directions: int,
         offset: tuple[float, float],
+        means_of: int = 1,
     ) -> None:
         """Add samples with their sums over a number of directions to the image; see `LeastSquaresImage`."""
         integrand = self._setup.integrand
@@ -299,7 +300,7 @@ class _Gathering:
         # Weight each group as the estimator weights it in the total.
         total = sums[:, 1] if integrand.estimator == "ratio" else directions
         weights = np.where(measured, total * self._face_areas[faces], 0.0)
-        self._image.add_samples(positions, values, weights, offset)
+        self._image.add_samples(positions, values, weights, offset, means_of)
 
     def _estimate_error(self) -> None:
         self._error = sampling_error(

@@ -25,10 +25,14 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _LANES = 16  # rays of a packet
 # Of a thread; multiples of _LANES, so that packets do not depend on threads.
 _SAMPLES_PER_TASK, _RAYS_PER_TASK = 1 << 14, 1 << 18
-_SAMPLES_PER_TRIANGLE = 4.0  # from which packets of samples are faster than packets of directions (measured)
+_SAMPLES_PER_TRIANGLE = 1.0  # from which packets of samples are faster than packets of directions (measured)
 
-# The rows of RTCRay16 that are used, and one more: which lanes are valid.
-_ORIGIN, _DIRECTION, _REACH, _MASK, _VALID, _ROWS = 0, 4, 8, 9, 12, 13
+# Where the rows of _LANES values begin in a packet, which is an RTCRay16, and one more row: which lanes are valid.
+_ORIGIN, _DIRECTION, _REACH, _MASK, _VALID, _END = (row * _LANES for row in (0, 4, 8, 9, 12, 13))
+# And in the lanes, in 64 bits: a sample, an axis, the weight of its end that the sample faces, and up to five totals.
+_GEOMETRIC, _SHADING, _HEIGHT, _AXIS, _RADIANCE, _WEIGHT, _TOTALS = (row * _LANES for row in (0, 3, 6, 7, 10, 12, 13))
+_ALL = _TOTALS + 5 * _LANES
+_IN_GROUND = -1.0  # the height of samples below the ground
 _HIT = -1.0  # the reach of a ray that has hit something, as Embree leaves it
 _ALIGNMENT = 64  # bytes
 
@@ -56,7 +60,7 @@ class Lights(NamedTuple):
     cosine       whether the weight of a direction is the cosine with the shading normal; else it is 1
     min_cosine   of directions that count
     reach        the distance up to which occluders count
-    up           (1, 3) float64, the unit vector away from the ground plane; 0 without one
+    up           (3,) float64, the unit vector away from the ground plane; 0 without one
     ground       its height along that
     """
 
@@ -153,45 +157,12 @@ _call_occluded16: Any = intrinsic(_occluded16)
 
 @_compiled
 def _packet() -> Float32Array:
-    """Return a packet, (_ROWS, _LANES) float32, with the parts that all packets share."""
-    memory = np.zeros(_ROWS * _LANES + _ALIGNMENT // 4, np.float32)
+    """Return a packet, (_END,) float32, with the parts that all packets share."""
+    memory = np.zeros(_END + _ALIGNMENT // 4, np.float32)
     start = (-memory.ctypes.data % _ALIGNMENT) // 4
-    packet = memory[start : start + _ROWS * _LANES].reshape(_ROWS, _LANES)
-    packet[_MASK].view(np.uint32)[:] = 0xFFFFFFFF
+    packet = memory[start : start + _END]
+    packet[_MASK : _MASK + _LANES].view(np.uint32)[:] = 0xFFFFFFFF
     return packet
-
-
-@_inlined
-def _dot(vectors: FloatArray, row: int, x: float, y: float, z: float) -> float:
-    """Return the scalar product of a row of (n, 3) vectors with another vector."""
-    product: float = vectors[row, 0] * x + vectors[row, 1] * y + vectors[row, 2] * z
-    return product
-
-
-@_inlined
-def _aim(packet: Float32Array, lane: int, receivers: Receivers, sample: int, lights: Lights, axis: int) -> float:
-    """Aim a ray from a sample to the end of an axis that it faces; return the weight of that end, signed as the end.
-
-    The ray is not cast where the ground or the weight decide; its reach is as Embree leaves it.
-    """
-    x, y, z = lights.axes[axis, 0], lights.axes[axis, 1], lights.axes[axis, 2]
-    towards = _dot(receivers.geometric, sample, x, y, z)
-    sign = 1.0 if towards > 0.0 else -1.0
-    cosine = sign * _dot(receivers.shading, sample, x, y, z)
-    weight = 0.0
-    if towards != 0.0 and cosine > 0.0 and cosine >= lights.min_cosine:
-        weight = lights.radiance[axis, 0 if sign > 0.0 else 1] * (cosine if lights.cosine else 1.0)
-    stopped = receivers.in_ground[sample]
-    slope = sign * _dot(lights.up, 0, x, y, z)
-    if slope < 0.0:
-        origins = receivers.origins
-        height = _dot(lights.up, 0, origins[sample, 0], origins[sample, 1], origins[sample, 2]) - lights.ground
-        stopped = stopped or max(height, 0.0) < -slope * lights.reach
-    for dimension in range(3):
-        packet[_ORIGIN + dimension, lane] = receivers.origins[sample, dimension]
-        packet[_DIRECTION + dimension, lane] = sign * lights.axes[axis, dimension]
-    packet[_REACH, lane] = _HIT if stopped else lights.reach
-    return sign * weight
 
 
 @_compiled
@@ -206,7 +177,7 @@ def _cast_each(
 ) -> None:
     """Store whether rays start .. stop - 1 hit anything; one direction counts for all."""
     packet = _packet()
-    valid = packet[_VALID].view(np.int32)
+    valid = packet[_VALID:].view(np.int32)
     parallel = len(directions) == 1
     for first in range(start, stop, _LANES):
         used = min(_LANES, stop - first)
@@ -214,14 +185,14 @@ def _cast_each(
         for lane in range(used):
             ray = first + lane
             for dimension in range(3):
-                packet[_ORIGIN + dimension, lane] = origins[ray, dimension]
-                packet[_DIRECTION + dimension, lane] = directions[0 if parallel else ray, dimension]
-            packet[_REACH, lane], valid[lane] = reach, -1
+                packet[_ORIGIN + dimension * _LANES + lane] = origins[ray, dimension]
+                packet[_DIRECTION + dimension * _LANES + lane] = directions[0 if parallel else ray, dimension]
+            packet[_REACH + lane], valid[lane] = reach, -1
         _call_occluded16(
             embree.occluded16, valid.ctypes.data, embree.scene, packet.ctypes.data, embree.arguments.ctypes.data
         )
         for lane in range(used):
-            hits[first + lane] = packet[_REACH, lane] < 0.0
+            hits[first + lane] = packet[_REACH + lane] < 0.0
 
 
 @_compiled
@@ -235,30 +206,104 @@ def _add_visibility(
     of_samples: bool,
 ) -> None:
     """Store the visibility sums of samples start .. stop - 1, by packets of samples or of directions."""
-    packet = _packet()
-    rays, valid = packet.ctypes.data, packet[_VALID].view(np.int32)
-    weights, totals = np.zeros(_LANES), np.zeros((_LANES, sums.shape[1]))
-    samples_each, axes_each = (_LANES, 1) if of_samples else (1, _LANES)
-    for first in range(start, stop, samples_each):
-        totals[:] = 0.0
-        for first_axis in range(0, len(lights.axes), axes_each):
-            used = min(samples_each, stop - first) if of_samples else min(axes_each, len(lights.axes) - first_axis)
-            any_ray = False
-            valid[:] = 0
-            for lane in range(used):
-                sample, axis = (first + lane, first_axis) if of_samples else (first, first_axis + lane)
-                weights[lane] = _aim(packet, lane, receivers, sample, lights, axis)
-                if weights[lane] != 0.0 and packet[_REACH, lane] >= 0.0:
-                    valid[lane], any_ray = -1, True
-            if any_ray:
-                _call_occluded16(embree.occluded16, valid.ctypes.data, embree.scene, rays, embree.arguments.ctypes.data)
-            for lane in range(used):
-                number, axis = (lane, first_axis) if of_samples else (0, first_axis + lane)
-                visible = weights[lane] if packet[_REACH, lane] >= 0.0 else 0.0
-                totals[number, 0] += abs(visible)
-                totals[number, 1] += abs(weights[lane])
-                for column in range(2, sums.shape[1]):
-                    totals[number, column] += visible * lights.axes[axis, column - 2]
-        for number in range(min(samples_each, stop - first)):
-            for column in range(sums.shape[1]):
-                sums[first + number, column] = totals[number, column]
+    packet, lanes, columns = _packet(), np.zeros(_ALL), sums.shape[1]
+    rays, valid = packet.ctypes.data, packet[_VALID:].ctypes.data
+    sample_step, axis_step = (1, 0) if of_samples else (0, 1)
+    for first in range(start, stop, _LANES if of_samples else 1):
+        samples = min(_LANES, stop - first) if of_samples else _LANES
+        lanes[_TOTALS:] = 0.0
+        _take_samples(packet, lanes, receivers, lights, first, sample_step, samples)
+        for first_axis in range(0, len(lights.axes), 1 if of_samples else _LANES):
+            axes = _LANES if of_samples else min(_LANES, len(lights.axes) - first_axis)
+            _take_axes(lanes, lights, first_axis, axis_step, axes)
+            if _aim(packet, lanes, lights):
+                _call_occluded16(embree.occluded16, valid, embree.scene, rays, embree.arguments.ctypes.data)
+            _add_weights(packet, lanes, columns)
+        for column in range(columns):
+            totals = lanes[_TOTALS + column * _LANES : _TOTALS + (column + 1) * _LANES]
+            if of_samples:
+                sums[first : first + samples, column] = totals[:samples]
+            else:
+                sums[first, column] = totals.sum()
+
+
+@_inlined
+def _take_samples(
+    packet: Float32Array, lanes: Float64Array, receivers: Receivers, lights: Lights, first: int, step: int, count: int
+) -> None:
+    """Put samples in the first `count` lanes of a packet: one in all (step 0), or those that follow it (step 1)."""
+    origins, up = receivers.origins, lights.up
+    for lane in range(_LANES):
+        sample, used = (first + step * lane, 1.0) if lane < count else (first, 0.0)
+        for dimension in range(3):
+            row = dimension * _LANES + lane
+            packet[_ORIGIN + row] = origins[sample, dimension]
+            lanes[_GEOMETRIC + row] = used * receivers.geometric[sample, dimension]  # 0 faces no end of an axis
+            lanes[_SHADING + row] = used * receivers.shading[sample, dimension]
+        height = up[0] * origins[sample, 0] + up[1] * origins[sample, 1] + up[2] * origins[sample, 2] - lights.ground
+        lanes[_HEIGHT + lane] = _IN_GROUND if receivers.in_ground[sample] else max(height, 0.0)
+
+
+@_inlined
+def _take_axes(lanes: Float64Array, lights: Lights, first: int, step: int, count: int) -> None:
+    """Put axes in the first `count` lanes of a packet: one in all (step 0), or those that follow it (step 1)."""
+    for lane in range(_LANES):
+        axis, used = (first + step * lane, 1.0) if lane < count else (first, 0.0)
+        for dimension in range(3):
+            lanes[_AXIS + dimension * _LANES + lane] = used * lights.axes[axis, dimension]
+        for end in range(2):
+            lanes[_RADIANCE + end * _LANES + lane] = lights.radiance[axis, end]
+
+
+@_inlined
+def _dot(lanes: Float64Array, row: int, x: float, y: float, z: float) -> float:
+    """Return the scalar product of the vector in one lane, whose first component is at `row`, with another one."""
+    product: float = lanes[row] * x + lanes[row + _LANES] * y + lanes[row + 2 * _LANES] * z
+    return product
+
+
+@_inlined
+def _aim(packet: Float32Array, lanes: Float64Array, lights: Lights) -> bool:
+    """Aim a ray in each lane to that end of its axis which its sample faces; tell whether any has to be cast.
+
+    Stores the weight of that end, signed as the end. A ray is not cast where the ground or the weight decide; its reach
+    is then as Embree leaves it. There are no branches, so that the compiler makes vector instructions of the loop.
+    """
+    valid, any_ray = packet.view(np.int32), 0
+    cosine_counts, min_cosine, reach = lights.cosine, lights.min_cosine, lights.reach
+    up_x, up_y, up_z = lights.up[0], lights.up[1], lights.up[2]
+    for lane in range(_LANES):
+        x, y, z = lanes[_AXIS + lane], lanes[_AXIS + _LANES + lane], lanes[_AXIS + 2 * _LANES + lane]
+        towards = _dot(lanes, _GEOMETRIC + lane, x, y, z)
+        sign = 1.0 if towards > 0.0 else -1.0
+        cosine = sign * _dot(lanes, _SHADING + lane, x, y, z)
+        positive, negative = lanes[_RADIANCE + lane], lanes[_RADIANCE + _LANES + lane]
+        radiance = positive if towards > 0.0 else negative
+        counts = (towards != 0.0) & (cosine > 0.0) & (cosine >= min_cosine)
+        weight = radiance * (cosine if cosine_counts else 1.0)
+        weight = weight if counts else 0.0
+        slope, height = sign * (up_x * x + up_y * y + up_z * z), lanes[_HEIGHT + lane]
+        stopped = (height < 0.0) | ((slope < 0.0) & (height < -slope * reach))
+        is_ray = (weight != 0.0) & (not stopped)
+        lanes[_WEIGHT + lane] = sign * weight
+        packet[_DIRECTION + lane] = sign * x
+        packet[_DIRECTION + _LANES + lane] = sign * y
+        packet[_DIRECTION + 2 * _LANES + lane] = sign * z
+        packet[_REACH + lane] = _HIT if stopped else reach
+        valid[_VALID + lane] = -1 if is_ray else 0
+        any_ray |= is_ray
+    return any_ray != 0
+
+
+@_inlined
+def _add_weights(packet: Float32Array, lanes: Float64Array, columns: int) -> None:
+    """Add the weights of a packet that was cast to the totals of its lanes, those of each column in a row."""
+    for lane in range(_LANES):
+        weight = lanes[_WEIGHT + lane]
+        visible = weight if packet[_REACH + lane] >= 0.0 else 0.0
+        lanes[_TOTALS + lane] += abs(visible)
+        lanes[_TOTALS + _LANES + lane] += abs(weight)
+        lanes[_WEIGHT + lane] = visible
+    for row in range(2 * _LANES, columns * _LANES, _LANES):
+        for lane in range(_LANES):
+            lanes[_TOTALS + row + lane] += lanes[_WEIGHT + lane] * lanes[_AXIS + row - 2 * _LANES + lane]

@@ -133,6 +133,6 @@ class PacketTester:
             cosine=integrand.weight == "cosine",
             min_cosine=integrand.min_cosine,
             reach=min(integrand.max_distance / surface.unit, FAR),
-            up=np.array([surface.ground_normal or (0.0, 0.0, 0.0)]),
+            up=np.array(surface.ground_normal or (0.0, 0.0, 0.0)),
             ground=surface.ground_height,
         )
