@@ -61,9 +61,9 @@ def share_sums(
         band = number[start : stop + _REACH]
         has_texel = band != _NO_TEXEL
         odd = has_texel & (groups[band] % 2 == 1)
-        sums = np.where(has_texel, np.moveaxis(own[band], -1, 0), np.float32(0))  # (columns, rows, width)
+        sums = _images(own, band)
         around = np.stack([_over_window(np.where(half, sums, np.float32(0)), PERIOD) for half in (~odd, odd)])
-        shares = _shares_normals(np.where(has_texel, np.moveaxis(normals[band], -1, 0), 0))
+        shares = _shares_normals(_images(normals, band))
         shares &= _over_window((sums[1] > 0).astype(np.float32), PERIOD) == GROUPS
         change, pairs = _change_over_period(_mean(around.sum(axis=0)) - _mean(sums), shares)
         shares &= (pairs > 0) & (change <= _MAX_CHANGE**2 * pairs)
@@ -72,6 +72,17 @@ def share_sums(
         smooth[rows] = True
         halves[:, rows] = np.moveaxis(around[:, :, inner][:, :, shares[inner]], 1, -1)
     return smooth
+
+
+def _images(values: NDArray[np.floating], band: Int32Array) -> Float32Array:
+    """Return an image of each column of values of the texels, (k, columns): (columns, rows, width); 0 without a texel.
+
+    band   (rows, width) int32: which texel lies where
+    """
+    images: Float32Array = np.empty((values.shape[1], *band.shape), np.float32)
+    for image, column in zip(images, values.T, strict=True):
+        image[:] = np.where(band == _NO_TEXEL, np.float32(0), column[band])
+    return images
 
 
 def _mean(sums: Float32Array) -> Float32Array:
@@ -88,16 +99,16 @@ def _over_window(images: Float32Array, side: int) -> Float32Array:
     return images
 
 
-def _shares_normals(normals: NDArray[np.floating]) -> BoolArray:
+def _shares_normals(normals: Float32Array) -> BoolArray:
     """Return which texels have eight neighbours whose normals, (3, rows, width), are much like their own."""
     rows, width = normals.shape[1:]
     alike: BoolArray = np.zeros((rows, width), bool)
     inner = alike[1:-1, 1:-1]
     inner[:] = True
-    own = normals[:, 1:-1, 1:-1]
+    x, y, z = normals[:, 1:-1, 1:-1]
     for down, right in product(range(PERIOD), repeat=2):
         other = normals[:, down : rows - 2 + down, right : width - 2 + right]
-        inner &= (own * other).sum(axis=0) > _MIN_COSINE
+        inner &= x * other[0] + y * other[1] + z * other[2] > _MIN_COSINE
     return alike
 
 
