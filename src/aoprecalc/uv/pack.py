@@ -12,7 +12,8 @@ import numpy as np
 
 from aoprecalc.errors import counted
 from aoprecalc.raster.layout import doubled_uv_areas
-from aoprecalc.types import BoolArray, Float64Array, Int32Array
+from aoprecalc.types import Float64Array, Int32Array
+from aoprecalc.uv.chart_images import Rims, chart_masks, in_least_boxes
 from aoprecalc.uv.charts import Charts
 from aoprecalc.uv.page import IntArray, Page, Tick, reach_of_gutter
 
@@ -33,10 +34,6 @@ _ACCEPTED_RATIO = 1.006  # of the smallest scale that is too large to the greate
 _MAX_TRIES = 5  # once one fits
 _SMALLEST_STEP = 0.75  # after a scale that is far too large
 _PAGE_HEIGHT = 1.5  # height of the page that tries may use, in sides
-
-# Orientation of charts.
-_ANGLES = 16  # of a quarter turn
-_REFINEMENTS = 5  # halvings of the step between them
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +73,14 @@ def pack_charts(
     Raises NoRoomError where they do not fit.
     """
     chart = charts.chart[charts.placed]
-    flat = _in_least_boxes(charts.uvs[charts.placed], chart)
-    outlines = Outlines.of(flat, chart, size)
+    rims = Rims.of(charts.uvs[charts.placed], chart)
+    flat = in_least_boxes(charts.uvs[charts.placed], chart, rims)
+    outlines = Outlines.of(flat, chart, size, rims)
     gutter = choose_gutter(outlines, size, padding, density)
     while True:
         cell, border = -(-size // _MAX_CELLS), -(-gutter // 2)  # free at the sides of the page, as textures repeat
         cells = (size - 2 * border) // cell
-        packing = _Packing(flat, chart, cells, reach_of_gutter(gutter, cell), _INSET / cell, tick)
+        packing = _Packing(flat, chart, rims, cells, reach_of_gutter(gutter, cell), _INSET / cell, tick)
         if density is None:
             layout = packing.at_greatest_scale(outlines, gutter / cell, quick=quick)
         else:
@@ -116,11 +114,11 @@ class Outlines:
     longest: float
 
     @classmethod
-    def of(cls, flat: Float64Array, chart: Int32Array, size: int) -> Self:
+    def of(cls, flat: Float64Array, chart: Int32Array, size: int, rims: Rims) -> Self:
         """Measure charts, see `chart_masks`, at a scale that suits a page of size x size texels."""
         longest, cells = float(flat.max()), min(size, _MAX_CELLS)
         scale = min(math.sqrt(cells**2 / float(doubled_uv_areas(flat).sum())), cells / longest)
-        masks = chart_masks(flat * scale, chart, 0.0)
+        masks = chart_masks(flat * scale, chart, 0.0, rims)
         covered = sum(int(np.count_nonzero(mask)) for mask in masks) / scale**2
         return cls(covered, 2 * sum(sum(mask.shape) for mask in masks) / scale, longest)
 
@@ -187,6 +185,7 @@ class _Packing(NamedTuple):
 
     flat     (f, 3, 2) charts, each at the origin, in units of length
     chart    (f,) the chart of each face
+    rims     of these charts
     cells    side of the page
     reach    see `reach_of_gutter`
     inset    see `chart_masks`
@@ -195,6 +194,7 @@ class _Packing(NamedTuple):
 
     flat: Float64Array
     chart: Int32Array
+    rims: Rims
     cells: int
     reach: list[int]
     inset: float
@@ -207,7 +207,7 @@ class _Packing(NamedTuple):
 
     def at_scale(self, scale: float) -> _Layout | None:
         """Return the layout in a page that may become higher than wide; None where they do not fit that either."""
-        masks = chart_masks(self.flat * scale, self.chart, self.inset)
+        masks = chart_masks(self.flat * scale, self.chart, self.inset, self.rims)
         places = Page(self.cells, int(_PAGE_HEIGHT * self.cells), self.reach).place(masks, self.tick)
         if places is None:
             return None
@@ -263,96 +263,3 @@ def _moved(flat: Float64Array, chart: Int32Array, layout: _Layout) -> Float64Arr
     right = np.select(list(turned), [x, y, columns - x, rows - y])
     down = np.select(list(turned), [y, columns - x, rows - y, x])
     return np.stack([right + column, down + row], axis=-1)
-
-
-# Charts as images.
-
-
-def _in_least_boxes(uvs: Float64Array, chart: Int32Array) -> Float64Array:
-    """Turn each chart of (f, 3, 2) triangles until its bounding box is about as small as can be, and move it to 0."""
-    order = np.argsort(chart, kind="stable")
-    points = uvs[order].reshape(-1, 2)
-    first = np.flatnonzero(np.diff(chart[order], prepend=-1)) * 3
-    of_point = np.repeat(chart[order], 3)
-
-    def turned(angles: Float64Array) -> tuple[Float64Array, Float64Array]:
-        cos, sin = np.cos(angles)[of_point], np.sin(angles)[of_point]
-        return points[:, 0] * cos - points[:, 1] * sin, points[:, 0] * sin + points[:, 1] * cos
-
-    def box(angles: Float64Array) -> Float64Array:
-        x, y = turned(angles)
-        width, height = (np.maximum.reduceat(along, first) - np.minimum.reduceat(along, first) for along in (x, y))
-        area: Float64Array = width * height
-        return area
-
-    best = np.zeros(len(first))
-    smallest = box(best) * (1 - 1e-9)  # turned only where that helps
-    step = math.pi / 2 / _ANGLES
-    tries = [np.full(len(first), step * number) for number in range(1, _ANGLES)]
-    for _ in range(_REFINEMENTS + 1):
-        for angles in tries:
-            area = box(angles)
-            better = area < smallest
-            best, smallest = np.where(better, angles, best), np.where(better, area, smallest)
-        step /= 2
-        tries = [best - step, best + step]
-    x, y = turned(best)
-    result = np.empty_like(uvs)
-    low = (np.minimum.reduceat(along, first)[of_point] for along in (x, y))
-    result[order] = np.stack([along - least for along, least in zip((x, y), low, strict=True)], axis=-1).reshape(
-        -1, 3, 2
-    )
-    return result
-
-
-def chart_masks(flat: Float64Array, chart: Int32Array, inset: float) -> list[BoolArray]:
-    """Return one image for each chart, True where one of its triangles touches a cell; rows along the second axis.
-
-    flat    (f, 3, 2) triangles in cells, >= 0, each chart from the origin
-    inset   cells by which a triangle may reach into one without touching it
-    """
-    count = int(chart.max()) + 1
-    extent = np.zeros((count, 2))
-    np.maximum.at(extent, chart, flat.max(axis=1))
-    columns, rows = np.maximum(np.ceil(extent - inset), 1).astype(np.intp).T
-    stops = np.cumsum((columns + 1) * rows)  # each row ends with a cell that stays empty
-    starts = stops - (columns + 1) * rows
-    face, row, low, high = _row_spans(flat, inset, rows[chart] - 1)
-    of_span = chart[face]
-    last = columns[of_span] - 1
-    row_start = starts[of_span] + row * (columns[of_span] + 1)
-    begin = np.clip(np.floor(low + inset), 0, last).astype(np.intp)
-    end = np.clip(np.ceil(high - inset) - 1, begin, last).astype(np.intp)
-    total = int(stops[-1])
-    changes = np.bincount(row_start + begin, minlength=total) - np.bincount(row_start + end + 1, minlength=total)
-    touched = np.cumsum(changes) > 0
-    return [
-        touched[start:stop].reshape(height, width + 1)[:, :width]
-        for start, stop, height, width in zip(starts, stops, rows, columns, strict=True)
-    ]
-
-
-def _row_spans(
-    triangles: Float64Array, inset: float, last_row: IntArray
-) -> tuple[IntArray, IntArray, Float64Array, Float64Array]:
-    """Return, for each row of cells that a triangle touches: the triangle, the row, and its least and greatest x there.
-
-    last_row   (f,) the last row that each of (f, 3, 2) triangles may touch
-    """
-    low, high = triangles[..., 1].min(axis=1), triangles[..., 1].max(axis=1)
-    first = np.clip(np.floor(low + inset), 0, last_row).astype(np.intp)
-    count = np.clip(np.ceil(high - inset) - 1, first, last_row).astype(np.intp) - first + 1
-    face = np.repeat(np.arange(len(triangles)), count)
-    row = np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count) + first[face]
-    least: Float64Array = np.full(len(face), np.inf)
-    greatest: Float64Array = np.full(len(face), -np.inf)
-    for corner in range(3):
-        x, y = triangles[face, corner].T
-        along_x, along_y = (triangles[:, (corner + 1) % 3] - triangles[:, corner])[face].T
-        crosses = (np.minimum(y, y + along_y) <= row + 1) & (np.maximum(y, y + along_y) >= row)
-        safe = np.where(along_y == 0, 1.0, along_y)
-        for side in (row, row + 1):  # the edge's part in the row ends at its corners or at the row's sides
-            share = np.where(along_y == 0, side - row, np.clip((side - y) / safe, 0.0, 1.0))
-            least = np.where(crosses, np.minimum(least, x + share * along_x), least)
-            greatest = np.where(crosses, np.maximum(greatest, x + share * along_x), greatest)
-    return face, row, least, greatest
