@@ -23,8 +23,8 @@ def sums(tester, samples, axes=AXES):
 
 def packed(surface, integrand, samples, *, of_samples, monkeypatch):
     """The sums by packets of samples, or of directions."""
-    monkeypatch.setattr(packets, "_SAMPLES_PER_TRIANGLE", 0.0 if of_samples else np.inf)
-    return sums(PacketTester(surface, integrand), samples)
+    monkeypatch.setattr(packets, "_TEXELS_PER_TRIANGLE", 0.0 if of_samples else np.inf)
+    return sums(PacketTester(surface, integrand, len(samples.faces)), samples)
 
 
 UPWARDS = OvercastSky((0.0, 0.6, 0.8))
@@ -69,9 +69,9 @@ def test_so_they_are_on_and_below_a_ground_seed_3(max_distance, of_samples, monk
 def test_packets_that_are_not_full_see_no_more_seed_3(axes, of_samples, monkeypatch):
     surface, samples = still(3)
     some = samples.select(slice(0, 33))
-    monkeypatch.setattr(packets, "_SAMPLES_PER_TRIANGLE", 0.0 if of_samples else np.inf)
+    monkeypatch.setattr(packets, "_TEXELS_PER_TRIANGLE", 0.0 if of_samples else np.inf)
     single = sums(RayTester(surface, Integrand()), some, AXES[:axes])
-    fast = sums(PacketTester(surface, Integrand()), some, AXES[:axes])
+    fast = sums(PacketTester(surface, Integrand(), len(samples.faces)), some, AXES[:axes])
     assert 0 < single[:, 0].sum() < single[:, 1].sum()
     assert fast == pytest.approx(single, abs=1e-5)
 
@@ -81,8 +81,18 @@ def test_threads_and_tasks_do_not_change_a_bit_seed_3(of_samples, monkeypatch):
     surface, samples = still(3)
     whole = packed(surface, Integrand(), samples, of_samples=of_samples, monkeypatch=monkeypatch)
     monkeypatch.setattr(packets, "_SAMPLES_PER_TASK", 48)
-    tester = PacketTester(surface, Integrand(), threads=3)
+    tester = PacketTester(surface, Integrand(), len(samples.faces), threads=3)
     assert np.array_equal(sums(tester, samples), whole)
+
+
+@pytest.mark.parametrize("samples_per_triangle", [0.5, 50])
+def test_samples_in_parts_do_not_change_a_bit_seed_3(samples_per_triangle):
+    surface, samples = still(3)
+    count = len(samples.faces)
+    tester = PacketTester(surface, Integrand(), round(samples_per_triangle * len(surface.occluders)))
+    parts = [slice(0, 33), slice(33, count // 2), slice(count // 2, count)]
+    in_parts = np.concatenate([sums(tester, samples.select(part)) for part in parts])
+    assert np.array_equal(in_parts, sums(tester, samples))
 
 
 def test_directions_done_are_counted_seed_3(monkeypatch):
@@ -94,7 +104,7 @@ def test_directions_done_are_counted_seed_3(monkeypatch):
         def advance(self, count=1):
             counted.append(count)
 
-    PacketTester(surface, Integrand(), threads=2).accumulate(samples, AXES, Counter())
+    PacketTester(surface, Integrand(), len(samples.faces), threads=2).accumulate(samples, AXES, Counter())
     assert sum(counted) == 2 * len(AXES)
     assert len(counted) > 10
 

@@ -146,7 +146,9 @@ def test_the_mean_of_all_directions_is_the_texture(backend):
     with open_backend(options, Progress()) as opened:
         setup = BakeSetup(opened, BakeInputs(baked.scene, baked.atlas, baked.normals, options))
         (side,) = setup.sides
-        tester = opened.tester(side.surface, setup.integrand, len(side.texels), baked.shadow_size or 512)
+        tester = opened.tester(
+            side.surface, setup.integrand, len(side.texels), baked.shadow_size or 512, len(side.texels)
+        )
         for direction in np.concatenate([axes, -axes]):
             total += gather_one_direction(setup, side, tester, direction, 1 << 20).values
         local = LocalVisibility(setup, side, baked.shadow_size or 512, 1 << 20, Progress())
@@ -171,7 +173,9 @@ def test_a_sample_of_directions_estimates_the_texture(backend):
     with open_backend(options, Progress()) as opened:
         setup = BakeSetup(opened, BakeInputs(baked.scene, baked.atlas, baked.normals, options))
         (side,) = setup.sides
-        tester = opened.tester(side.surface, setup.integrand, len(side.texels), baked.shadow_size or 512)
+        tester = opened.tester(
+            side.surface, setup.integrand, len(side.texels), baked.shadow_size or 512, len(side.texels)
+        )
         for direction in random:
             total += gather_one_direction(setup, side, tester, direction, 1 << 20).values
     difference = (4 / 200 * total - baked.texture.values)[baked.texture.valid]

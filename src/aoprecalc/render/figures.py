@@ -109,7 +109,7 @@ def trace_direction(baked: Baked, options: BakeOptions, direction: Float64Array,
         for side in setup.sides:
             chunk = max(1, min(FIT_CHUNK, len(side.texels)))
             integrand = replace(setup.integrand, sky=None)
-            tester = backend.tester(side.surface, integrand, chunk, baked.shadow_size or size)
+            tester = backend.tester(side.surface, integrand, chunk, baked.shadow_size or size, len(side.texels))
             sides.append(gather_one_direction(setup, side, tester, direction, chunk))
         backend.check_errors()
     lighter = reduce(lighter_of_sides, sides)

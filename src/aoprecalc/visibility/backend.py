@@ -63,9 +63,12 @@ class Backend(Protocol):
         ...
 
     def tester(
-        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int, texels: int
     ) -> VisibilityTester:
-        """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any."""
+        """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any.
+
+        texels   that share the surface: so many samples have the distance of neighbouring ones, however they are split
+        """
         ...
 
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
@@ -86,16 +89,19 @@ class Backend(Protocol):
 class GroupTester:
     """A VisibilityTester of a surface with groups: a tester for each of them in turn, with maps as fine as it needs."""
 
-    def __init__(self, backend: Backend, surface: NormalizedSurface, integrand: Integrand, shadow_size: int) -> None:
-        """Keep what the testers are made of; `shadow_size` is that of maps of the whole surface."""
+    def __init__(
+        self, backend: Backend, surface: NormalizedSurface, integrand: Integrand, shadow_size: int, texels: int
+    ) -> None:
+        """Keep what the testers are made of; `shadow_size` and `texels` are those of the whole surface."""
         self._backend, self._surface = backend, surface
-        self._integrand, self._shadow_size = integrand, shadow_size
+        self._integrand, self._shadow_size, self._texels = integrand, shadow_size, texels
 
     def accumulate(self, samples: Samples, axes: Float64Array, progress: Progress) -> Float32Array:
         """Return the visibility sums of the samples, see VisibilityTester."""
         sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
         for surface, rows, faces in self._surface.by_group(samples.faces):
-            tester = self._backend.tester(surface, self._integrand, len(rows), self._size_of_maps(surface, len(rows)))
+            size = self._size_of_maps(surface, len(rows))
+            tester = self._backend.tester(surface, self._integrand, len(rows), size, self._texels)
             own = Samples(faces.astype(np.int32), samples.weights[rows])
             sums[rows] = tester.accumulate(own, axes, Progress())
         progress.advance(2 * len(axes))
@@ -137,11 +143,11 @@ class GLBackend:
         return GLRasterizer(self._renderer.context, layout)
 
     def tester(
-        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int, texels: int
     ) -> VisibilityTester:
         """Return a DepthMapTester, or one for each group of the surface."""
         if surface.groups is not None:
-            return GroupTester(self, surface, integrand, shadow_size)
+            return GroupTester(self, surface, integrand, shadow_size, texels)
         from aoprecalc.visibility.depth_maps import DepthMapTester
 
         self._renderer.context.gc()  # frees what an earlier tester has allocated
@@ -178,13 +184,13 @@ class RayBackend:
         return CPURasterizer(layout)
 
     def tester(
-        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int
+        self, surface: NormalizedSurface, integrand: Integrand, max_samples: int, shadow_size: int, texels: int
     ) -> VisibilityTester:
         """Return a PacketTester, or a RayTester where packets do not do; or one for each group of the surface."""
         if surface.groups is not None:
-            return GroupTester(self, surface, integrand, shadow_size)
+            return GroupTester(self, surface, integrand, shadow_size, texels)
         if PacketTester.serves(surface, integrand):
-            return PacketTester(surface, integrand, self._threads)
+            return PacketTester(surface, integrand, texels, self._threads)
         return RayTester(surface, integrand, self._threads)
 
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:

@@ -60,7 +60,11 @@ class LocalVisibility:
     ) -> None:
         """Prepare for up to `chunk_size` texels at a time; directions done are counted on `progress`."""
         self._make_tester = partial(
-            setup.backend.tester, integrand=setup.integrand, max_samples=chunk_size, shadow_size=shadow_size
+            setup.backend.tester,
+            integrand=setup.integrand,
+            max_samples=chunk_size,
+            shadow_size=shadow_size,
+            texels=len(side.texels),
         )
         self._only = self._make_tester(side.surface) if len(side.surfaces) == 1 else None
         self._instances = SharedInstances.from_scene(side.scene, vectors=setup.integrand.vectors)

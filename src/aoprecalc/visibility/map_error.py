@@ -79,7 +79,7 @@ def _squared_error(setup: BakeSetup, side: SurfaceSide, found: TexelOcclusion) -
     instances = SharedInstances.from_scene(side.scene)
 
     def traced(surface: NormalizedSurface) -> Float32Array:
-        tester = RayBackend(options.threads).tester(surface, integrand, len(chosen), 0)
+        tester = RayBackend(options.threads).tester(surface, integrand, len(chosen), 0, len(chosen))
         sums = np.zeros((len(chosen), 2), np.float32)
         for number, group in enumerate(setup.groups):
             if 2 * group.start < found.directions:

@@ -25,7 +25,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _LANES = 16  # rays of a packet
 # Of a thread; multiples of _LANES, so that packets do not depend on threads.
 _SAMPLES_PER_TASK, _RAYS_PER_TASK = 1 << 14, 1 << 18
-_SAMPLES_PER_TRIANGLE = 1.0  # from which packets of samples are faster than packets of directions (measured)
+_TEXELS_PER_TRIANGLE = 2.0  # from which packets of samples are faster than packets of directions (measured)
 
 # Where the rows of _LANES values begin in a packet, which is an RTCRay16, and one more row: which lanes are valid.
 _ORIGIN, _DIRECTION, _REACH, _MASK, _VALID, _END = (row * _LANES for row in (0, 4, 8, 9, 12, 13))
@@ -74,11 +74,20 @@ class Lights(NamedTuple):
 
 
 def visibility_sums(
-    scene: OcclusionScene, receivers: Receivers, lights: Lights, columns: int, threads: int, progress: Progress
+    scene: OcclusionScene,
+    receivers: Receivers,
+    lights: Lights,
+    columns: int,
+    texels: int,
+    threads: int,
+    progress: Progress,
 ) -> Float32Array:
-    """Return the visibility sums of k samples, (k, columns) float32, see VisibilityTester; `threads` cast rays."""
+    """Return the visibility sums of k samples, (k, columns) float32, see VisibilityTester; `threads` cast rays.
+
+    texels   see `Backend.tester`: what packets hold depends on it, and so the last bit, not on how samples are split
+    """
     count = len(receivers.origins)
-    of_samples = count >= _SAMPLES_PER_TRIANGLE * scene.triangles
+    of_samples = texels >= _TEXELS_PER_TRIANGLE * scene.triangles
     sums = np.zeros((count, columns), np.float32)
     embree = _Embree(scene.occluded16, scene.scene, occluded_arguments(coherent=of_samples))
 

@@ -101,9 +101,10 @@ class RayTester:
 class PacketTester:
     """A VisibilityTester that casts packets of rays, where the first hit on any side of a triangle counts."""
 
-    def __init__(self, surface: NormalizedSurface, integrand: Integrand, threads: int = 0) -> None:
-        """Build the occluders; `threads` cast rays, 0 is one for each core."""
-        self._surface, self._integrand, self._threads = surface, integrand, threads or whole_cores()
+    def __init__(self, surface: NormalizedSurface, integrand: Integrand, texels: int, threads: int = 0) -> None:
+        """Build the occluders; `threads` cast rays, 0 is one for each core. For `texels` see `Backend.tester`."""
+        self._surface, self._integrand, self._texels = surface, integrand, texels
+        self._threads = threads or whole_cores()
         self._scene = OcclusionScene(surface.occluders)
 
     @staticmethod
@@ -119,7 +120,7 @@ class PacketTester:
         receivers = Receivers(origins, normals, geometric, self._surface.is_under_ground(origins))
         sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
         sums[with_face] = visibility_sums(
-            self._scene, receivers, self._lights(axes), sums.shape[1], self._threads, progress
+            self._scene, receivers, self._lights(axes), sums.shape[1], self._texels, self._threads, progress
         )
         return sums
 
