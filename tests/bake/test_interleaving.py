@@ -111,6 +111,19 @@ def test_sixteen_texels_in_order_are_a_square_of_all_and_of_each_group():
         assert (np.ptp(places, axis=2) == side - 1).all()
 
 
+def test_in_the_widest_texture_too():
+    width, rows = 32768, 12
+    order = order_in_blocks(np.arange(rows * width), width)
+    places = np.stack(np.divmod(order, width)).reshape(2, -1, 16)
+    assert np.ptp(places[1], axis=1).max() < 12
+
+
+def test_without_a_texel_nothing_is_shared():
+    nothing, none = Texels(8, 8, np.zeros(0, np.int32)), np.zeros((0, 2), np.float32)
+    normals = np.zeros((0, 3), np.float32)
+    assert len(share_sums(nothing, group_of_texels(nothing), none, normals, np.zeros((2, 0, 2), np.float32))) == 0
+
+
 def slowly(texels, values):
     """What `share_sums` decides, texel by texel."""
     at = {int(index): number for number, index in enumerate(texels.index)}

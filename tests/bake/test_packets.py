@@ -86,13 +86,18 @@ def test_threads_and_tasks_do_not_change_a_bit_seed_3(of_samples, monkeypatch):
 
 
 @pytest.mark.parametrize("samples_per_triangle", [0.5, 50])
-def test_samples_in_parts_do_not_change_a_bit_seed_3(samples_per_triangle):
+def test_samples_in_parts_do_not_change_a_bit_seed_3(samples_per_triangle, monkeypatch):
+    asked, made = [], packets.occluded_arguments
+    monkeypatch.setattr(
+        packets, "occluded_arguments", lambda *, coherent: asked.append(coherent) or made(coherent=coherent)
+    )
     surface, samples = still(3)
     count = len(samples.faces)
     tester = PacketTester(surface, Integrand(), round(samples_per_triangle * len(surface.occluders)))
     parts = [slice(0, 33), slice(33, count // 2), slice(count // 2, count)]
     in_parts = np.concatenate([sums(tester, samples.select(part)) for part in parts])
     assert np.array_equal(in_parts, sums(tester, samples))
+    assert set(asked) == {samples_per_triangle > 2}  # all of samples, or all of directions
 
 
 def test_directions_done_are_counted_seed_3(monkeypatch):

@@ -34,6 +34,16 @@ def fitted(shape, *parts, repeats=False, start=None):
     return fit.solve(np.zeros(shape, np.float32) if start is None else start)
 
 
+def test_a_mean_of_nine_samples_counts_as_nine_seed_3(monkeypatch):
+    monkeypatch.setattr(resolve, "_PRECISION", 1e-6)
+    at, values, weights = measurements(3, (9, 7), 60)
+    start = np.random.default_rng(4).random((9, 7)).astype(np.float32)
+    each, means = (LeastSquaresImage(7, 9, repeats=False) for _ in range(2))
+    each.add_samples(np.repeat(at, 9, axis=0), np.repeat(values, 9), np.repeat(weights, 9))
+    means.add_samples(at, values, 9 * weights, means_of=9)
+    assert means.solve(start) == pytest.approx(each.solve(start), abs=1e-5)
+
+
 @pytest.mark.parametrize("repeats", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_it_solves_the_normal_equations(shape, repeats, monkeypatch):

@@ -13,4 +13,4 @@ def test_the_first_sixteen_squares_make_four_zs():
 def test_every_cell_of_a_cube_has_a_place_of_its_own():
     cells = np.stack(np.meshgrid(*[np.arange(8)] * 3), axis=-1).reshape(-1, 3)
     assert np.sort(morton_codes(cells)).tolist() == list(range(512))
-    assert morton_codes(np.array([[2047, 2047, 2047]]))[0] == 2**33 - 1
+    assert morton_codes(np.array([[4095, 4095, 4095]]))[0] == 2**36 - 1

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from aoprecalc.raster.layout import doubled_uv_areas
-from aoprecalc.uv.chart_images import Rims, chart_masks, in_least_boxes
+from aoprecalc.uv.chart_images import ChartBorders, chart_masks, in_least_boxes
 from aoprecalc.uv.charts import Charts
 from aoprecalc.uv.pack import (
     MIN_GUTTER,
@@ -59,7 +59,7 @@ def test_masks_are_the_cells_that_triangles_touch_by_a_slow_reference(seed):
     triangles = np.random.default_rng(seed).uniform(0, 12, (20, 3, 2))
     triangles -= triangles.min(axis=1, keepdims=True)
     charts = np.arange(20, dtype=np.int32)
-    masks = chart_masks(triangles, charts, 0.0, Rims.of(triangles, charts))
+    masks = chart_masks(triangles, charts, 0.0, ChartBorders.of(triangles, charts))
     for triangle, mask in zip(triangles, masks, strict=True):
         expected = [[touches(triangle, row, column) for column in range(mask.shape[1])] for row in range(mask.shape[0])]
         assert np.array_equal(mask, expected)
@@ -69,7 +69,7 @@ def test_masks_are_the_cells_that_triangles_touch_by_a_slow_reference(seed):
 
 def test_a_square_on_the_grid_touches_the_cells_inside_it_alone():
     square = rectangle(8, 8)
-    (mask,) = chart_masks(square.uvs, square.chart, 1e-3, Rims.of(square.uvs, square.chart))
+    (mask,) = chart_masks(square.uvs, square.chart, 1e-3, ChartBorders.of(square.uvs, square.chart))
     assert mask.shape == (8, 8)
 
 
@@ -97,23 +97,23 @@ def with_holes(uvs):
 
 @pytest.mark.parametrize("change", [bulging, folded, mirrored, torn, with_holes])
 @pytest.mark.parametrize("scale", [3.0, 40.0, 200.0])
-def test_a_rim_and_what_lies_inside_are_all_that_a_chart_covers(change, scale):
-    """Two charts of fine triangles, one much larger, one of them with all of its faces taken as its rim."""
+def test_a_border_and_what_lies_inside_are_all_that_a_chart_covers(change, scale):
+    """Two charts of fine triangles, one much larger, give the same images as with all of their faces drawn."""
     positions, faces = quad((0, 0, 0), (2, 0.3, 0), (-0.4, 1, 0), cells=30)
     uvs = change(positions[faces][..., :2] + 0.4)
     uvs = np.concatenate([uvs, 0.3 * uvs[: len(uvs) // 2, :, ::-1]])
     chart = np.repeat(np.array([0, 1], np.int32), [2 * len(uvs) // 3, len(uvs) - 2 * len(uvs) // 3])
-    rims = Rims.of(uvs, chart)
-    every_face = Rims(np.arange(len(uvs)), np.zeros(0, np.intp))
-    flat = in_least_boxes(uvs, chart, rims)
+    borders = ChartBorders.of(uvs, chart)
+    every_face = ChartBorders(np.arange(len(uvs)), np.zeros(0, np.intp))
+    flat = in_least_boxes(uvs, chart, borders)
     assert np.array_equal(flat, in_least_boxes(uvs, chart, every_face))
     assert flat.min() == 0.0
-    found, expected = (chart_masks(scale * flat, chart, 1e-3, these) for these in (rims, every_face))
+    found, expected = (chart_masks(scale * flat, chart, 1e-3, these) for these in (borders, every_face))
     assert len(found) == 2
     for mask, whole in zip(found, expected, strict=True):
         assert np.array_equal(mask, whole)
     if change in (bulging, mirrored, with_holes):
-        assert len(rims.faces) < len(uvs) / 2
+        assert len(borders.faces) < len(uvs) / 2
 
 
 def covered(charts, packed, size):

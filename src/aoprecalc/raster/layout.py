@@ -36,9 +36,9 @@ BORDER_RULES = {
 }
 
 BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory
-_TILE = 4  # texels a side: those of a packet of 16 rays
-_BLOCK = 3 * _TILE  # texels a side: of every third row and column, as interleaved directions have them, a packet
-_MORTON_BITS = 11  # of a coordinate
+_TILE = 4  # texels a side: 16, as many as a packet has rays
+_BLOCK = 3 * _TILE  # texels a side: of a group of interleaved directions, every third a side, they fill a packet
+_MORTON_BITS = 12  # of a coordinate
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ def order_in_blocks(index: Int64Array, width: int) -> Int64Array:
     """Sort texels by square blocks along a Z-order curve, and by square tiles in these.
 
     So neighbours read the same part of a depth map, and the rays of a packet start side by side. Measured: the gather
-    from maps is a tenth to a quarter faster than in rows, and rays are up to a fifth faster than in the rows of blocks.
+    from maps is a tenth to a quarter faster than in rows; rays are up to a fifth faster than without tiles.
 
     index   (k,) of the texels, ascending
     """
@@ -254,7 +254,7 @@ def order_in_blocks(index: Int64Array, width: int) -> Int64Array:
 def morton_codes(cells: NDArray[np.integer]) -> Int64Array:
     """Return the positions of cells along the Z-order curve, (n,) int64 (G. M. Morton, 1966).
 
-    cells   (n, d) integers in 0 .. 2047, d at most 5
+    cells   (n, d) integers in 0 .. 4095, d at most 5
     """
     codes: Int64Array = np.zeros(len(cells), np.int64)
     dimensions = cells.shape[1]

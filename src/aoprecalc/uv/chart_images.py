@@ -1,4 +1,4 @@
-"""Charts as images of the cells that they touch, found from their rims: few of the faces of a fine mesh."""
+"""Charts as images of the cells that they touch, found from the faces at their borders: few of those of a fine mesh."""
 
 import math
 from dataclasses import dataclass
@@ -13,15 +13,16 @@ from aoprecalc.uv.page import IntArray
 _ANGLES = 16  # of a quarter turn
 _REFINEMENTS = 5  # halvings of the step between them
 
+# Odd multipliers whose bits look random: 2^64 over the golden ratio, and two primes of xxHash64 (Y. Collet).
 _MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
 
 
 @dataclass(frozen=True, eq=False)
-class Rims:
-    """Where charts end: together with what lies inside of `sides`, `faces` cover what all of their faces cover.
+class ChartBorders:
+    """The borders of charts: a chart covers the cells that one of `faces` touches, and those inside of `sides`.
 
-    faces  (r,) indices of the faces at a rim; of faces that turn back over their chart, or have no area; and at least
-           one of each chart
+    faces  (r,) indices of the faces at a border; of faces that turn back over their chart, or have no area; and of one
+           face at least of each chart
     sides  (s,) sides of faces that no other face of their chart continues, as 3 * face + the corner from which they run
     """
 
@@ -30,7 +31,7 @@ class Rims:
 
     @classmethod
     def of(cls, uvs: Float64Array, chart: Int32Array) -> Self:
-        """Find the rims of (f, 3, 2) triangles in charts, (f,), each connected by corners of equal UVs."""
+        """Find the borders of (f, 3, 2) triangles in charts, (f,), each connected by corners of equal UVs."""
         corner = _hashed(uvs.reshape(-1, 2), np.repeat(chart, 3)).reshape(-1, 3)
         ahead = np.roll(corner, -1, axis=1)
         edge = (corner + ahead).ravel()
@@ -42,19 +43,19 @@ class Rims:
         continued = np.zeros(len(edge), bool)
         continued[begins] = continued[begins + 1] = True
         sides = np.sort(order[~continued])
-        at_rim = np.zeros(len(uvs), bool)
-        at_rim[sides // 3] = True
+        at_border = np.zeros(len(uvs), bool)
+        at_border[sides // 3] = True
         side, other = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
         signed = side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0]
-        at_rim |= signed * np.sign(np.bincount(chart, signed))[chart] <= 0
-        at_rim[np.unique(chart, return_index=True)[1]] = True
-        return cls(np.flatnonzero(at_rim), sides)
+        at_border |= signed * np.sign(np.bincount(chart, signed))[chart] <= 0
+        at_border[np.unique(chart, return_index=True)[1]] = True
+        return cls(np.flatnonzero(at_border), sides)
 
 
 def _hashed(points: Float64Array, chart: Int32Array) -> IntArray:
     """Return a number for each of (n, 2) points in charts, (n,): the same for equal ones of one chart.
 
-    Others share it about as seldom as random numbers of 64 bits, so that no two of a mesh do.
+    Different points share one with a probability of about 2^-64.
     """
     mixed = chart.astype(np.uint64) * _MIXERS[0]
     for numbers in points.T + 0.0:  # -0.0 becomes 0.0
@@ -64,9 +65,9 @@ def _hashed(points: Float64Array, chart: Int32Array) -> IntArray:
     return mixed.view(np.int64)
 
 
-def in_least_boxes(uvs: Float64Array, chart: Int32Array, rims: Rims) -> Float64Array:
+def in_least_boxes(uvs: Float64Array, chart: Int32Array, borders: ChartBorders) -> Float64Array:
     """Turn each chart of (f, 3, 2) triangles until its bounding box is about as small as can be, and move it to 0."""
-    outer = rims.faces[np.argsort(chart[rims.faces], kind="stable")]
+    outer = borders.faces[np.argsort(chart[borders.faces], kind="stable")]
     points = uvs[outer].reshape(-1, 2)
     first = np.flatnonzero(np.diff(chart[outer], prepend=-1)) * 3
     of_point = np.repeat(chart[outer], 3)
@@ -100,15 +101,15 @@ def in_least_boxes(uvs: Float64Array, chart: Int32Array, rims: Rims) -> Float64A
     return np.stack(moved, axis=-1).reshape(-1, 3, 2)
 
 
-def chart_masks(flat: Float64Array, chart: Int32Array, inset: float, rims: Rims) -> list[BoolArray]:
+def chart_masks(flat: Float64Array, chart: Int32Array, inset: float, borders: ChartBorders) -> list[BoolArray]:
     """Return one image for each chart, True where one of its triangles touches a cell; rows along the second axis.
 
     flat    (f, 3, 2) triangles in cells, >= 0, each chart from the origin
     inset   cells by which a triangle may reach into one without touching it
-    rims    of these charts
-    A cell is touched by a triangle at a rim, or lies inside of the rim as a whole, and so does its centre.
+    borders    of these charts
+    A cell is covered where a triangle at the border touches it, or else where its centre lies inside the border.
     """
-    outer, of_outer = flat[rims.faces], chart[rims.faces]
+    outer, of_outer = flat[borders.faces], chart[borders.faces]
     extent = np.zeros((int(chart.max()) + 1, 2))
     np.maximum.at(extent, of_outer, outer.max(axis=1))
     columns, rows = np.maximum(np.ceil(extent - inset), 1).astype(np.intp).T
@@ -122,12 +123,12 @@ def chart_masks(flat: Float64Array, chart: Int32Array, inset: float, rims: Rims)
     end = np.clip(np.ceil(high - inset) - 1, begin, last).astype(np.intp)
     changes = np.bincount(row_start + begin, minlength=total) - np.bincount(row_start + end + 1, minlength=total)
     touched = np.cumsum(changes) > 0
-    of_side = chart[rims.sides // 3]
-    corners = [flat[rims.sides // 3, corner] for corner in (rims.sides % 3, (rims.sides + 1) % 3)]
-    side, row, column, turn = _crossings(*corners)
+    of_side = chart[borders.sides // 3]
+    corners = [flat[borders.sides // 3, corner] for corner in (borders.sides % 3, (borders.sides + 1) % 3)]
+    side, row, column, winding = _crossings(*corners)
     of_crossing = of_side[side]
     at = starts[of_crossing] + row * (columns[of_crossing] + 1) + np.minimum(column, columns[of_crossing])
-    touched |= np.cumsum(np.bincount(at, turn, total)) != 0  # sums of ones, which are exact
+    touched |= np.cumsum(np.bincount(at, winding, total)) != 0  # sums of ones, which are exact
     return [
         touched[start:stop].reshape(height, width + 1)[:, :width]
         for start, stop, height, width in zip(starts, stops, rows, columns, strict=True)
@@ -139,7 +140,7 @@ def _crossings(starts: Float64Array, ends: Float64Array) -> tuple[IntArray, IntA
 
     For each crossing: the side, the row, the first column whose centre lies beyond, and 1.0 for upwards, else -1.0.
     """
-    turn = np.where(starts[:, 1] < ends[:, 1], 1.0, -1.0)
+    winding = np.where(starts[:, 1] < ends[:, 1], 1.0, -1.0)
     low, high = (extreme(starts[:, 1], ends[:, 1]) for extreme in (np.minimum, np.maximum))
     first, stop = (np.ceil(along - 0.5).astype(np.intp) for along in (low, high))
     count = stop - first
@@ -147,7 +148,7 @@ def _crossings(starts: Float64Array, ends: Float64Array) -> tuple[IntArray, IntA
     row = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count) + first[side]
     (x, y), (along_x, along_y) = starts[side].T, (ends - starts)[side].T
     column = np.maximum(np.floor(x + (row + 0.5 - y) / along_y * along_x + 0.5), 0).astype(np.intp)
-    return side, row, column, turn[side]
+    return side, row, column, winding[side]
 
 
 def _row_spans(

@@ -13,7 +13,7 @@ import numpy as np
 from aoprecalc.errors import counted
 from aoprecalc.raster.layout import doubled_uv_areas
 from aoprecalc.types import Float64Array, Int32Array
-from aoprecalc.uv.chart_images import Rims, chart_masks, in_least_boxes
+from aoprecalc.uv.chart_images import ChartBorders, chart_masks, in_least_boxes
 from aoprecalc.uv.charts import Charts
 from aoprecalc.uv.page import IntArray, Page, Tick, reach_of_gutter
 
@@ -73,14 +73,14 @@ def pack_charts(
     Raises NoRoomError where they do not fit.
     """
     chart = charts.chart[charts.placed]
-    rims = Rims.of(charts.uvs[charts.placed], chart)
-    flat = in_least_boxes(charts.uvs[charts.placed], chart, rims)
-    outlines = Outlines.of(flat, chart, size, rims)
+    borders = ChartBorders.of(charts.uvs[charts.placed], chart)
+    flat = in_least_boxes(charts.uvs[charts.placed], chart, borders)
+    outlines = Outlines.of(flat, chart, size, borders)
     gutter = choose_gutter(outlines, size, padding, density)
     while True:
         cell, border = -(-size // _MAX_CELLS), -(-gutter // 2)  # free at the sides of the page, as textures repeat
         cells = (size - 2 * border) // cell
-        packing = _Packing(flat, chart, rims, cells, reach_of_gutter(gutter, cell), _INSET / cell, tick)
+        packing = _Packing(flat, chart, borders, cells, reach_of_gutter(gutter, cell), _INSET / cell, tick)
         if density is None:
             layout = packing.at_greatest_scale(outlines, gutter / cell, quick=quick)
         else:
@@ -114,11 +114,11 @@ class Outlines:
     longest: float
 
     @classmethod
-    def of(cls, flat: Float64Array, chart: Int32Array, size: int, rims: Rims) -> Self:
+    def of(cls, flat: Float64Array, chart: Int32Array, size: int, borders: ChartBorders) -> Self:
         """Measure charts, see `chart_masks`, at a scale that suits a page of size x size texels."""
         longest, cells = float(flat.max()), min(size, _MAX_CELLS)
         scale = min(math.sqrt(cells**2 / float(doubled_uv_areas(flat).sum())), cells / longest)
-        masks = chart_masks(flat * scale, chart, 0.0, rims)
+        masks = chart_masks(flat * scale, chart, 0.0, borders)
         covered = sum(int(np.count_nonzero(mask)) for mask in masks) / scale**2
         return cls(covered, 2 * sum(sum(mask.shape) for mask in masks) / scale, longest)
 
@@ -185,7 +185,7 @@ class _Packing(NamedTuple):
 
     flat     (f, 3, 2) charts, each at the origin, in units of length
     chart    (f,) the chart of each face
-    rims     of these charts
+    borders  of these charts
     cells    side of the page
     reach    see `reach_of_gutter`
     inset    see `chart_masks`
@@ -194,7 +194,7 @@ class _Packing(NamedTuple):
 
     flat: Float64Array
     chart: Int32Array
-    rims: Rims
+    borders: ChartBorders
     cells: int
     reach: list[int]
     inset: float
@@ -207,7 +207,7 @@ class _Packing(NamedTuple):
 
     def at_scale(self, scale: float) -> _Layout | None:
         """Return the layout in a page that may become higher than wide; None where they do not fit that either."""
-        masks = chart_masks(self.flat * scale, self.chart, self.inset, self.rims)
+        masks = chart_masks(self.flat * scale, self.chart, self.inset, self.borders)
         places = Page(self.cells, int(_PAGE_HEIGHT * self.cells), self.reach).place(masks, self.tick)
         if places is None:
             return None

@@ -67,7 +67,7 @@ class Backend(Protocol):
     ) -> VisibilityTester:
         """Return a tester of up to `max_samples` at a time; `shadow_size` is the side of its depth maps, if any.
 
-        texels   that share the surface: so many samples have the distance of neighbouring ones, however they are split
+        texels   of the whole surface, however its samples are split: their number tells how far apart neighbours lie
         """
         ...
 
@@ -101,7 +101,8 @@ class GroupTester:
         sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
         for surface, rows, faces in self._surface.by_group(samples.faces):
             size = self._size_of_maps(surface, len(rows))
-            tester = self._backend.tester(surface, self._integrand, len(rows), size, self._texels)
+            texels = round(self._texels * len(surface.occluders) / len(self._surface.occluders))
+            tester = self._backend.tester(surface, self._integrand, len(rows), size, texels)
             own = Samples(faces.astype(np.int32), samples.weights[rows])
             sums[rows] = tester.accumulate(own, axes, Progress())
         progress.advance(2 * len(axes))

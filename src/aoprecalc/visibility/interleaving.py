@@ -53,6 +53,8 @@ def share_sums(
     halves    (2, k, columns): receives those of even and of odd groups
     """
     smooth: BoolArray = np.zeros(len(texels), bool)
+    if not len(texels):
+        return smooth
     number: Int32Array = np.full((texels.height, texels.width), _NO_TEXEL, np.int32)
     number.ravel()[texels.index] = np.arange(len(texels), dtype=np.int32)
     rows_at_once = max(1, _BAND_TEXELS // texels.width)
@@ -75,7 +77,7 @@ def share_sums(
 
 
 def _images(values: NDArray[np.floating], band: Int32Array) -> Float32Array:
-    """Return an image of each column of values of the texels, (k, columns): (columns, rows, width); 0 without a texel.
+    """Return the columns of values of k texels, (k, columns), as images, (columns, rows, width); 0 without a texel.
 
     band   (rows, width) int32: which texel lies where
     """

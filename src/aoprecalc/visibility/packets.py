@@ -29,7 +29,7 @@ _TEXELS_PER_TRIANGLE = 2.0  # from which packets of samples are faster than pack
 
 # Where the rows of _LANES values begin in a packet, which is an RTCRay16, and one more row: which lanes are valid.
 _ORIGIN, _DIRECTION, _REACH, _MASK, _VALID, _END = (row * _LANES for row in (0, 4, 8, 9, 12, 13))
-# And in the lanes, in 64 bits: a sample, an axis, the weight of its end that the sample faces, and up to five totals.
+# And in `lanes`, (_ALL,) float64: a sample, an axis, the weight of its end that the sample faces, up to five totals.
 _GEOMETRIC, _SHADING, _HEIGHT, _AXIS, _RADIANCE, _WEIGHT, _TOTALS = (row * _LANES for row in (0, 3, 6, 7, 10, 12, 13))
 _ALL = _TOTALS + 5 * _LANES
 _IN_GROUND = -1.0  # the height of samples below the ground
@@ -84,7 +84,7 @@ def visibility_sums(
 ) -> Float32Array:
     """Return the visibility sums of k samples, (k, columns) float32, see VisibilityTester; `threads` cast rays.
 
-    texels   see `Backend.tester`: what packets hold depends on it, and so the last bit, not on how samples are split
+    texels   see `Backend.tester`; it decides what packets hold, so that no bit depends on how samples are split
     """
     count = len(receivers.origins)
     of_samples = texels >= _TEXELS_PER_TRIANGLE * scene.triangles
@@ -245,10 +245,10 @@ def _take_samples(
     for lane in range(_LANES):
         sample, used = (first + step * lane, 1.0) if lane < count else (first, 0.0)
         for dimension in range(3):
-            row = dimension * _LANES + lane
-            packet[_ORIGIN + row] = origins[sample, dimension]
-            lanes[_GEOMETRIC + row] = used * receivers.geometric[sample, dimension]  # 0 faces no end of an axis
-            lanes[_SHADING + row] = used * receivers.shading[sample, dimension]
+            at = dimension * _LANES + lane
+            packet[_ORIGIN + at] = origins[sample, dimension]
+            lanes[_GEOMETRIC + at] = used * receivers.geometric[sample, dimension]  # 0 faces no end of an axis
+            lanes[_SHADING + at] = used * receivers.shading[sample, dimension]
         height = up[0] * origins[sample, 0] + up[1] * origins[sample, 1] + up[2] * origins[sample, 2] - lights.ground
         lanes[_HEIGHT + lane] = _IN_GROUND if receivers.in_ground[sample] else max(height, 0.0)
 
@@ -265,9 +265,9 @@ def _take_axes(lanes: Float64Array, lights: Lights, first: int, step: int, count
 
 
 @_inlined
-def _dot(lanes: Float64Array, row: int, x: float, y: float, z: float) -> float:
-    """Return the scalar product of the vector in one lane, whose first component is at `row`, with another one."""
-    product: float = lanes[row] * x + lanes[row + _LANES] * y + lanes[row + 2 * _LANES] * z
+def _dot(lanes: Float64Array, at: int, x: float, y: float, z: float) -> float:
+    """Return the scalar product of the vector in one lane, whose first component is at an index, with another one."""
+    product: float = lanes[at] * x + lanes[at + _LANES] * y + lanes[at + 2 * _LANES] * z
     return product
 
 
@@ -306,13 +306,14 @@ def _aim(packet: Float32Array, lanes: Float64Array, lights: Lights) -> bool:
 
 @_inlined
 def _add_weights(packet: Float32Array, lanes: Float64Array, columns: int) -> None:
-    """Add the weights of a packet that was cast to the totals of its lanes, those of each column in a row."""
+    """Add what the lanes of a packet see to their totals; _WEIGHT then holds the weights of the visible ends."""
     for lane in range(_LANES):
         weight = lanes[_WEIGHT + lane]
         visible = weight if packet[_REACH + lane] >= 0.0 else 0.0
         lanes[_TOTALS + lane] += abs(visible)
         lanes[_TOTALS + _LANES + lane] += abs(weight)
         lanes[_WEIGHT + lane] = visible
-    for row in range(2 * _LANES, columns * _LANES, _LANES):
+    for column in range(2, columns):
         for lane in range(_LANES):
-            lanes[_TOTALS + row + lane] += lanes[_WEIGHT + lane] * lanes[_AXIS + row - 2 * _LANES + lane]
+            component = lanes[_AXIS + (column - 2) * _LANES + lane]
+            lanes[_TOTALS + column * _LANES + lane] += lanes[_WEIGHT + lane] * component
