@@ -13,7 +13,7 @@ from aoprecalc.uv.page import IntArray
 _ANGLES = 16  # of a quarter turn
 _REFINEMENTS = 5  # halvings of the step between them
 
-# Odd multipliers whose bits look random: 2^64 over the golden ratio, and two primes of xxHash64 (Y. Collet).
+# Odd multipliers whose bits look random: 2^64 over the golden ratio, and two primes of xxHash64.
 _MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
 
 
