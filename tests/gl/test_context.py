@@ -68,7 +68,7 @@ def test_without_any_library_the_error_says_what_to_install(monkeypatch):
     ],
 )
 def test_without_any_way_to_opengl_nothing_is_tried_and_rays_are_traced(platform, hidden, expected, monkeypatch):
-    assert casts_packets()  # asked once for the process: before the system is another
+    assert casts_packets()  # the answer is kept for the process: ask before the platform is replaced
     monkeypatch.setattr(sys, "platform", platform)
     if hidden:
         monkeypatch.setitem(sys.modules, hidden, None)
