@@ -1,9 +1,11 @@
 """The least-squares image, compared with dense algebra and with images whose look-ups are known."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from aoprecalc.raster import resolve
+from aoprecalc.raster import layout, resolve
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout, texel_positions
 from aoprecalc.raster.padding import pad_and_fill
@@ -95,6 +97,69 @@ def test_samples_at_their_spot_are_as_good_as_one_by_one(repeats):
     assert fitted((9, 11), (at, values, weights, spot), repeats=repeats) == pytest.approx(one_by_one, abs=1e-5)
     halves = [(at[half], values[half], weights[half], spot) for half in (slice(0, 50), slice(50, None))]
     assert fitted((9, 11), *halves, repeats=repeats) == pytest.approx(one_by_one, abs=1e-5)
+
+
+def samples_at_spots(seed, shape):
+    """Samples of most texels of an image at one spot, then at another one, row by row."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for spot in ((0.3, 0.8), (0.7, 0.1)):
+        texel = np.flatnonzero(rng.random(shape) < 0.8)
+        at = (np.column_stack(np.divmod(texel, shape[1])[::-1]) + spot).astype(np.float32)
+        values, weights = rng.random(len(at)).astype(np.float32), rng.random(len(at)) + 0.1
+        parts += [
+            (*rows, spot) for rows in zip(*(np.array_split(part, 3) for part in (at, values, weights)), strict=True)
+        ]
+    return parts
+
+
+def test_bands_change_no_bit_where_samples_come_in_their_order_seed_2(monkeypatch):
+    shape = 23, 17
+    parts = samples_at_spots(2, shape)
+    whole = fitted(shape, *parts)
+    for rows in (1, 2, 5, 22):
+        monkeypatch.setattr(layout, "BAND_TEXELS", rows * shape[1])
+        assert (fitted(shape, *parts) == whole).all()
+
+
+def test_bands_in_any_order_are_as_good_seed_2(monkeypatch):
+    shape = 23, 17
+    parts = samples_at_spots(2, shape)
+    whole = fitted(shape, *parts)
+    monkeypatch.setattr(layout, "BAND_TEXELS", 2 * shape[1])
+    for order in ([2, 1, 0, 3, 5, 4], [5, 4, 3, 2, 1, 0], [0, 3, 1, 4, 2, 5]):
+        assert fitted(shape, *(parts[number] for number in order)) == pytest.approx(whole, abs=1e-5)
+
+
+def most_images(work, shape):
+    """How many images of 32 bits a call holds at a time, beyond what was there before."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1] / (4 * shape[0] * shape[1])
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_waits_is_a_few_bands_and_a_solve_takes_four_images(monkeypatch):
+    shape = 600, 512
+    parts = samples_at_spots(1, shape)
+    monkeypatch.setattr(layout, "BAND_TEXELS", shape[0] * shape[1] // 50)
+    fit = LeastSquaresImage(shape[1], shape[0], repeats=False)
+    small_parts = [
+        (*rows, spot)
+        for *part, spot in parts
+        for rows in zip(*(np.array_split(each, 20) for each in part), strict=True)
+    ]
+
+    def add():
+        for part in small_parts:
+            fit.add_samples(*part)
+
+    assert most_images(add, shape) < 1
+    assert fit.sampled_texels().sum() > 0.9 * shape[0] * shape[1]
+    start = np.zeros(shape, np.float32)
+    assert 3.9 < most_images(lambda: fit.solve(start), shape) < 4.3
 
 
 def test_only_the_shares_of_the_weights_count_and_none_is_no_sample():

@@ -15,12 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aoprecalc.raster.layout import row_bands
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int64Array, Texels, Wrap
 
 # Weight of the initial image, relative to one sample; it decides where samples hardly reach a texel. From 0.02 to 1 the
 # errors on two meshes were the same to 1%; a greater weight passes on less of the samples' noise.
 _PRIOR = 1.0
+_NO_PRIOR = np.float32(0)
 _PRECISION = 1e-3  # of the solution: the residual over the first one
 _MAX_STEPS = 40
 
@@ -48,9 +50,12 @@ class LeastSquaresImage:
         self._diagonal: Float32Array = np.zeros(bordered, np.float32)
         self._off_diagonal = {neighbour: np.zeros(bordered, np.float32) for neighbour in _NEIGHBOURS}
         self._weight, self._count = 0.0, 0
-        # Samples at one offset of their texels, before they are added: weights, and weights times values.
+        # Samples at one offset of their texels, before they are added: weights, and weights times values, of the
+        # texels from `_low - 2 * _edge` on. Samples before `_low` have been added to all texels before `_low - _edge`.
         self._offset: tuple[float, float] | None = None
-        self._at_offset: Float32Array = np.zeros((0, *bordered), np.float32)
+        self._at_offset: Float32Array = np.zeros((1 + channels, 0), np.float32)
+        self._low = 0
+        self._edge = bordered[1] + 1  # as far as a look-up reads, and the first texel that is not of the border
 
     def add_samples(
         self,
@@ -64,21 +69,20 @@ class LeastSquaresImage:
 
         values   (m, channels), or (m,) where there is one channel
         means_of   how many samples each of them is the mean of: the prior weighs as much as one of these
-        offset   at which most samples lie in the square of their texel: all of these are added at once, which is faster
+        offset   at which most samples lie in the square of their texel: they are added by bands, which is faster
         """
         values, used = values.reshape(-1, self.channels), weights > 0
         if not used.all():
             positions, values, weights = positions[used], values[used], weights[used]
         self._weight, self._count = self._weight + float(weights.sum()), self._count + means_of * len(weights)
         if offset is not None:
-            if offset != self._offset:
-                self._add_pending()
-                self._offset = offset
-                self._at_offset = np.zeros((1 + self.channels, *self._bordered), np.float32)
             is_at, texel = self._find_at_offset(offset, positions)
             texel, weights_at = texel[is_at], weights[is_at]
-            for image, factors in zip(self._at_offset, (1.0, *values[is_at].T), strict=True):
-                np.add.at(image.reshape(-1), texel, (weights_at * factors).astype(np.float32))
+            if len(texel):
+                self._make_room(offset, int(texel.min()), int(texel.max()))
+                texel -= self._low - 2 * self._edge
+                for image, factors in zip(self._at_offset, (1.0, *values[is_at].T), strict=True):
+                    np.add.at(image, texel, (weights_at * factors).astype(np.float32))
             positions, values, weights = positions[~is_at], values[~is_at], weights[~is_at]
         self._add_each(positions, values, weights)
 
@@ -97,7 +101,7 @@ class LeastSquaresImage:
         # The taps of a look-up add up to 1, so this is the sum of weight * tap weight.
         ones, reads = np.ones((2, *self._bordered), np.float32)
         for rows in self._bands():
-            self._multiply(ones, self._diagonal, rows, reads)
+            self._multiply(ones, rows, reads)
         means: Float32Array = np.zeros((self.channels, *self._shape), np.float32)
         return np.divide(_inner(self._rhs), _inner(reads), out=means, where=_inner(reads) > 0)
 
@@ -109,15 +113,19 @@ class LeastSquaresImage:
         if not self._count:
             return initial
         self._complete()
-        diagonal, bands = self._diagonal + np.float32(_PRIOR * self._weight / self._count), self._bands()
-        direction, residual, change, response = np.zeros((4, *self._bordered), np.float32)
+        prior, bands = np.float32(_PRIOR * self._weight / self._count), self._bands()
+        direction, residual, change, response = (np.zeros(self._bordered, np.float32) for _ in range(4))
         _inner(direction)[...] = initial
         _repeat_edges(direction)
+
+        def scaled_residual(rows: slice) -> Float32Array:
+            scaled: Float32Array = np.divide(residual[rows], self._diagonal[rows] + prior, out=response[rows])
+            return scaled
+
         power = 0.0
         for rows in bands:
-            product = self._multiply(direction, self._diagonal, rows, response)
-            np.subtract(self._rhs[channel, rows], product, out=residual[rows])
-            power += _dot(residual[rows], np.divide(residual[rows], diagonal[rows], out=response[rows]))
+            np.subtract(self._rhs[channel, rows], self._multiply(direction, rows, response), out=residual[rows])
+            power += _dot(residual[rows], scaled_residual(rows))
         growth, least = np.float32(0), _PRECISION**2 * power
         for _ in range(_MAX_STEPS):
             if power <= least:
@@ -128,15 +136,17 @@ class LeastSquaresImage:
             _repeat_edges(direction)
             curvature = 0.0
             for rows in bands:
-                curvature += _dot(direction[rows], self._multiply(direction, diagonal, rows, response))
+                curvature += _dot(direction[rows], self._multiply(direction, rows, response, prior))
             step = np.float32(power / curvature)
             before, power = power, 0.0
             for rows in bands:
                 change[rows] += step * direction[rows]
                 residual[rows] -= step * response[rows]
-                power += _dot(residual[rows], np.divide(residual[rows], diagonal[rows], out=response[rows]))
+                power += _dot(residual[rows], scaled_residual(rows))
             growth = np.float32(power / before)
-        return initial + _inner(change)
+        solution = _inner(change)
+        solution += initial
+        return solution
 
     def _find_at_offset(self, offset: tuple[float, float], positions: Float32Array) -> tuple[BoolArray, Int64Array]:
         """Return which positions lie at the offset in their texel, off the image's edges, and the texels of all."""
@@ -157,27 +167,51 @@ class LeastSquaresImage:
         """Return the flat indices of texels in images with a border."""
         return (rows + 1) * self._bordered[1] + columns + 1
 
+    def _make_room(self, offset: tuple[float, float], first: int, last: int) -> None:
+        """Make room for samples at an offset of the texels first .. last.
+
+        Texels come in bands of rows, see `row_bands`: once they are of a later band, all before it are added. (Others
+        that come later are added by themselves.) So what waits is a few bands, not an image.
+        """
+        height, width = self._shape
+        columns, reach = self._bordered[1], 2 * self._edge
+        band = row_bands(width, height)[0][1] * columns
+        low = columns + (first - columns) // band * band
+        high = columns + ((last - columns) // band + 1) * band
+        if offset != self._offset or low < self._low:
+            self._add_pending()
+            self._offset, self._low = offset, low
+        self._add_until(low - self._edge)
+        waiting = self._at_offset[:, low - self._low :]
+        missing = high + reach - (low - reach) - waiting.shape[1]
+        self._low = low
+        self._at_offset = waiting if missing <= 0 else np.pad(waiting, ((0, 0), (0, missing)))
+
     def _add_pending(self) -> None:
-        """Add the samples at one offset of texels off the edges: their look-ups share one set of tap weights."""
+        """Add all samples at one offset that wait."""
+        self._add_until(self._diagonal.size)
+        self._offset, self._at_offset = None, self._at_offset[:, :0].copy()
+
+    def _add_until(self, end: int) -> None:
+        """Add samples at one offset to the texels before `end`: off the edges look-ups share one set of tap weights."""
         if self._offset is None:
             return
-        offset, (weight, *weighted) = self._offset, self._at_offset.reshape(len(self._at_offset), -1)
-        self._offset, self._at_offset = None, self._at_offset[:0]
-        right, down = offset[0] - 0.5, offset[1] - 0.5
+        weight, *weighted = self._at_offset
+        right, down = self._offset[0] - 0.5, self._offset[1] - 0.5
         first = math.floor(down), math.floor(right)
         below, along = down - first[0], right - first[1]
         taps = {
             (lower, farther): np.float32((below if lower else 1 - below) * (along if farther else 1 - along))
             for lower, farther in _TAPS
         }
-        columns = self._bordered[1]
-        edge = columns + 1  # the first texel that is not of the border
-        for start in range(edge, len(weight) - edge, _BAND):
-            texels = slice(start, min(start + _BAND, len(weight) - edge))
+        columns, edge, begin = self._bordered[1], self._edge, self._low - 2 * self._edge
+        end = min(end, self._diagonal.size - edge, begin + len(weight) - edge)
+        for start in range(max(edge, begin + edge), end, _BAND):
+            texels = slice(start, min(start + _BAND, end))
             for (lower, farther), tap in taps.items():
                 if not tap:
                     continue
-                shift = (first[0] + lower) * columns + first[1] + farther
+                shift = begin + (first[0] + lower) * columns + first[1] + farther
                 source = slice(texels.start - shift, texels.stop - shift)
                 for rhs, image in zip(self._rhs, weighted, strict=True):
                     rhs.reshape(-1)[texels] += tap * image[source]
@@ -226,15 +260,17 @@ class LeastSquaresImage:
         count = max(1, _BAND // width)
         return [slice(row, min(row + count, height - 1)) for row in range(1, height - 1, count)]
 
-    def _multiply(self, image: Float32Array, diagonal: Float32Array, rows: slice, out: Float32Array) -> Float32Array:
-        """Multiply rows of an image by the symmetric matrix of the normal equations with this diagonal, into `out`.
+    def _multiply(
+        self, image: Float32Array, rows: slice, out: Float32Array, prior: np.float32 = _NO_PRIOR
+    ) -> Float32Array:
+        """Multiply rows of an image by the symmetric matrix of the normal equations, into `out`.
 
-        The images have a border; that of the product is 0.
+        The images have a border; that of the product is 0. The prior is added to the diagonal.
         """
         width = self._bordered[1]
         start, stop = rows.start * width + 1, rows.stop * width - 1  # the rows as one, from the first texel to the last
         factors, result = image.reshape(-1), out.reshape(-1)[start:stop]
-        np.multiply(diagonal.reshape(-1)[start:stop], factors[start:stop], out=result)
+        np.multiply(self._diagonal.reshape(-1)[start:stop] + prior, factors[start:stop], out=result)
         term = np.empty_like(result)
         for (down, right), plane in self._off_diagonal.items():
             shift, matrix = down * width + right, plane.reshape(-1)
@@ -298,16 +334,12 @@ def resolve_texels(
     reconstruction   holds the samples, as occlusion (1 - AO value), and their visibility vectors as further channels
     vectors          (k, 3) float32; None where they are not wanted
     """
-    shape = texels.height, texels.width
-    valid: BoolArray = np.zeros(shape, bool)
-    index = texels.index[measured]
-    valid.ravel()[index] = True
+    valid: BoolArray = np.zeros((texels.height, texels.width), bool)
+    valid.ravel()[texels.index[measured]] = True
     known = valid | reconstruction.sampled_texels()
-
-    images = reconstruction.mean_images()
-    for channel, means in enumerate((1 - values,) if vectors is None else (1 - values, *vectors.T)):
-        images[channel].reshape(-1)[index] = means[measured]
-        images[channel] = reconstruction.solve(images[channel], channel)
+    images = _initial_images(texels, values, measured, reconstruction, vectors)
+    for channel, image in enumerate(images):
+        images[channel] = reconstruction.solve(image, channel)
     occlusion, *components = images
     # As occlusion, which is exactly 0 on an open surface.
     fitted = np.where(known, np.clip(1 - occlusion, 0, 1), np.float32(0))
@@ -316,6 +348,21 @@ def resolve_texels(
     return ResolvedTexture(
         fitted, known, valid, np.where(known[..., None], np.stack(components, axis=-1), np.float32(0))
     )
+
+
+def _initial_images(
+    texels: Texels,
+    values: Float32Array,
+    measured: BoolArray,
+    reconstruction: LeastSquaresImage,
+    vectors: Float32Array | None,
+) -> Float32Array:
+    """Return the images to start from, (channels, height, width) float32: means, over each texel where it has one."""
+    images, index = reconstruction.mean_images(), texels.index[measured]
+    means = (1 - values,) if vectors is None else (1 - values, *vectors.T)
+    for image, mean in zip(images, means, strict=True):
+        image.reshape(-1)[index] = mean[measured]
+    return images
 
 
 def lighter_of_sides(front: ResolvedTexture, back: ResolvedTexture) -> ResolvedTexture:
