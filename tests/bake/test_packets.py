@@ -1,5 +1,6 @@
 """Packets of rays see what single rays see, whatever counts as light and however they are packed."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -135,3 +136,17 @@ def test_code_that_has_no_file_is_compiled_all_the_same():
     made = {"compiled": packets._compiled}
     exec("@compiled\ndef twice(number):\n    return 2 * number", made)
     assert made["twice"](21) == 42
+
+
+def test_receivers_take_no_memory_for_all_samples_at_once_seed_3():
+    surface, some = still(3)
+    samples = some.select(np.arange(200_000) % len(some.faces))
+    tester = PacketTester(surface, Integrand(), len(samples.faces), threads=1)
+    sums(tester, samples, AXES[:1])  # compiles
+    tracemalloc.start()
+    try:
+        sums(tester, samples, AXES[:1])
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 60 * len(samples.faces)  # a receiver takes a hundred bytes, and as much while it is computed

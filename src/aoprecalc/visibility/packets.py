@@ -75,25 +75,27 @@ class Lights(NamedTuple):
 
 def visibility_sums(
     scene: OcclusionScene,
-    receivers: Receivers,
+    receivers: Callable[[slice], Receivers],
+    count: int,
     lights: Lights,
     columns: int,
     texels: int,
     threads: int,
     progress: Progress,
 ) -> Float32Array:
-    """Return the visibility sums of k samples, (k, columns) float32, see VisibilityTester; `threads` cast rays.
+    """Return the visibility sums of `count` samples, (count, columns) float32, see VisibilityTester.
 
-    texels   see `Backend.tester`; it decides what packets hold, so that no bit depends on how samples are split
+    receivers   some of the samples; they are asked for a few at a time, as they take a hundred bytes each
+    texels      see `Backend.tester`; it decides what packets hold, so that no bit depends on how samples are split
+    threads     that cast rays
     """
-    count = len(receivers.origins)
     of_samples = texels >= _TEXELS_PER_TRIANGLE * scene.triangles
     sums = np.zeros((count, columns), np.float32)
     embree = _Embree(scene.occluded16, scene.scene, occluded_arguments(coherent=of_samples))
 
     def add_from(start: int) -> None:
-        stop = min(start + _SAMPLES_PER_TASK, count)
-        _add_visibility(embree, receivers, lights, sums, start, stop, of_samples)
+        part = slice(start, min(start + _SAMPLES_PER_TASK, count))
+        _add_visibility(embree, receivers(part), lights, sums[part], of_samples)
 
     starts, done, total = range(0, count, _SAMPLES_PER_TASK), 0, 2 * len(lights.axes)
     with ThreadPoolExecutor(threads) as pool:
@@ -210,16 +212,14 @@ def _add_visibility(
     receivers: Receivers,
     lights: Lights,
     sums: Float32Array,
-    start: int,
-    stop: int,
     of_samples: bool,
 ) -> None:
-    """Store the visibility sums of samples start .. stop - 1, by packets of samples or of directions."""
+    """Store the visibility sums of samples, by packets of samples or of directions."""
     packet, lanes, columns = _packet(), np.zeros(_ALL), sums.shape[1]
     rays, valid = packet.ctypes.data, packet[_VALID:].ctypes.data
     sample_step, axis_step = (1, 0) if of_samples else (0, 1)
-    for first in range(start, stop, _LANES if of_samples else 1):
-        samples = min(_LANES, stop - first) if of_samples else _LANES
+    for first in range(0, len(sums), _LANES if of_samples else 1):
+        samples = min(_LANES, len(sums) - first) if of_samples else _LANES
         lanes[_TOTALS:] = 0.0
         _take_samples(packet, lanes, receivers, lights, first, sample_step, samples)
         for first_axis in range(0, len(lights.axes), 1 if of_samples else _LANES):

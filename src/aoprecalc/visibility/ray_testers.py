@@ -116,11 +116,16 @@ class PacketTester:
         """Return the visibility sums of the samples, see VisibilityTester."""
         from aoprecalc.visibility.packets import Receivers, visibility_sums  # numba takes half a second
 
-        with_face, origins, normals, geometric = ray_origins(self._surface, samples)
-        receivers = Receivers(origins, normals, geometric, self._surface.is_under_ground(origins))
-        sums = np.zeros((len(samples.faces), self._integrand.columns), np.float32)
+        with_face = np.flatnonzero(samples.faces >= 0).astype(np.int32)
+
+        def receivers(part: slice) -> Receivers:
+            _, origins, normals, geometric = ray_origins(self._surface, samples.select(with_face[part]))
+            return Receivers(origins, normals, geometric, self._surface.is_under_ground(origins))
+
+        lights, columns = self._lights(axes), self._integrand.columns
+        sums = np.zeros((len(samples.faces), columns), np.float32)
         sums[with_face] = visibility_sums(
-            self._scene, receivers, self._lights(axes), sums.shape[1], self._texels, self._threads, progress
+            self._scene, receivers, len(with_face), lights, columns, self._texels, self._threads, progress
         )
         return sums
 
