@@ -8,6 +8,7 @@ from aoprecalc.io.images import quantize
 from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.options import BakeOptions
 from aoprecalc.texture_lookup import bilinear
+from aoprecalc.visibility import integrand
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.integrand import Integrand, sampling_error
 from shapes import ball, quad, scene
@@ -90,12 +91,14 @@ def test_a_shading_normal_behind_the_surface_gives_way_to_the_geometric_one():
 
 
 @pytest.mark.parametrize(("first", "second"), [(500, 500), (640, 128)])
-def test_random_halves_of_any_size_tell_the_error_of_their_sum_seed_4(first, second):
+def test_random_halves_of_any_size_tell_the_error_of_their_sum_seed_4(first, second, monkeypatch):
     rng, texels, share = np.random.default_rng(4), 20_000, 0.3
     visible = np.stack([rng.binomial(count, share, texels) for count in (first, second)])
     halves = np.stack([visible, np.broadcast_to([[first], [second]], visible.shape)], axis=2).astype(float)
     told = sampling_error(halves, [first, second], Integrand(), "random")
     assert told == pytest.approx(np.sqrt(share * (1 - share) / (first + second)), rel=0.03)
+    monkeypatch.setattr(integrand, "_CHUNK", 999)
+    assert sampling_error(halves, [first, second], Integrand(), "random") == pytest.approx(told, rel=1e-9)
 
 
 @pytest.mark.parametrize("part", [0.5, 0.2, 0.05])

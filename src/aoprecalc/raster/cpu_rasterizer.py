@@ -88,9 +88,11 @@ class CPURasterizer:
             (triangles, _EMPTY, layout.border_faces, self._weights_at_border),
         )
         for row, rows in self._bands:
-            drawn = self._draw(corners, row, rows, sample_at)
             start, stop = row * layout.width, (row + rows) * layout.width
             band = np.flatnonzero((index >= start) & (index < stop))
+            if not len(band):
+                continue
+            drawn = self._draw(corners, row, rows, sample_at)
             for chunk in np.split(band, range(_CHUNK, len(band), _CHUNK)):
                 keys = drawn[index[chunk] - start]
                 for low, high, face_of, interpolate in primitives:

@@ -149,14 +149,17 @@ def _copy_to_tiles(uvs: Float64Array) -> tuple[Float64Array, Int32Array]:
 
 def texel_positions(atlas: Atlas, texels: Texels, samples: Samples) -> Float32Array:
     """Return the positions of samples, (k, 2) float32 texels right and down; arbitrary for those without a face."""
+    uvs, faces = atlas.uvs, samples.faces
+    if len(faces) < len(uvs):
+        uvs, faces = uvs[faces], np.arange(len(faces), dtype=np.int32)
     # Wrap UVs into the first tile before rounding to float32, to keep sub-texel precision.
-    uvs = atlas.uvs - np.floor(atlas.uvs.min(axis=1, keepdims=True)) if atlas.repeats else atlas.uvs
+    uvs = uvs - np.floor(uvs.min(axis=1, keepdims=True)) if atlas.repeats else uvs
     corners = (uvs * (texels.width, -texels.height) + (0.0, texels.height)).astype(np.float32)
     # From the first corner along both sides: half the time of a sum over three corners.
     sides = corners[:, 1:] - corners[:, :1]
-    positions: Float32Array = np.take(corners[:, 0], samples.faces, axis=0)
-    positions += samples.weights[:, 1:2] * np.take(sides[:, 0], samples.faces, axis=0)
-    positions += samples.weights[:, 2:3] * np.take(sides[:, 1], samples.faces, axis=0)
+    positions: Float32Array = np.take(corners[:, 0], faces, axis=0)
+    positions += samples.weights[:, 1:2] * np.take(sides[:, 0], faces, axis=0)
+    positions += samples.weights[:, 2:3] * np.take(sides[:, 1], faces, axis=0)
     return positions
 
 

@@ -6,6 +6,7 @@ An axis is a pair of opposite light directions, given by one unit vector.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -213,8 +214,10 @@ class _Gathering:
         faces, own, normals = self._sum_own(groups)
         self._used = [sum(map(setup.directions_of, range(half, GROUPS, 2))) for half in range(2)]
         smooth = share_sums(texels, groups, own, normals, self._halves)
-        del normals
-        self._fit_shared(np.flatnonzero(smooth), faces)
+        own = own[~smooth]
+        del normals  # these are large: not one is kept for longer than it is needed
+        self._fit_shared(smooth, faces)
+        del faces
         self._sum_others(~smooth, groups, own)
         if len(texels):
             self._per_texel = sum(self._used) * (1 - (1 - 1 / GROUPS) * float(smooth.mean()))
@@ -226,46 +229,51 @@ class _Gathering:
         faces, own = np.full(len(texels), -1, np.int32), np.zeros_like(self._halves[0])
         normals = np.zeros((len(texels), 3), np.float16)
 
-        def requests() -> Iterator[TexelRequest]:
+        def parts() -> Iterator[tuple[int, Int32Array]]:
             for group in range(GROUPS):
                 for rows in self._chunks(groups == group):
-                    yield TexelRequest(group, rows)
+                    yield group, rows
 
-        self._source.expect(requests())
-        for request in requests():
-            samples = setup.texel_samples(self._side, request.rows, request.group)
+        self._source.expect(TexelRequest(group, rows) for group, rows in parts())
+        for group, rows in parts():
+            samples = setup.texel_samples(self._side, rows, group)
             points = setup.measured(self._side, samples)
-            faces[request.rows], own[request.rows] = samples.faces, self._source.visibility_sums(points, request)
-            normals[request.rows] = self._side.surface.interpolate(points.faces, points.weights)[1]
+            faces[rows], own[rows] = samples.faces, self._source.visibility_sums(points, TexelRequest(group, rows))
+            for part in chunks(len(rows), FIT_CHUNK):
+                some = points.select(part)
+                normals[rows[part]] = self._side.surface.interpolate(some.faces, some.weights)[1]
         return faces, own, normals
 
     def _sum_others(self, chosen: BoolArray, groups: NDArray[np.int8], own: Float32Array) -> None:
         """Sum at chosen texels, (k,) bool, the groups that they have not taken, and fit the image to all samples.
 
-        groups, own   (k,) the group that each texel has taken, and its sums, (k, columns)
+        groups   (k,) the group that each texel has taken
+        own      (chosen texels, columns): the sums of that
         """
-        chosen_rows = self._chunks(chosen)
-        parts = [(group, rows) for group in range(GROUPS) for rows in chosen_rows]
+        own_of_chunks = [own[part] for part in chunks(len(own), self._chunk_size)]
+        chosen_chunks = list(zip(self._chunks(chosen), own_of_chunks, strict=True))
 
         def others(group: int, rows: Int32Array) -> TexelRequest:
             return TexelRequest(group, rows[groups[rows] != group])
 
-        self._source.expect(others(group, rows) for group, rows in parts if (groups[rows] != group).any())
-        for group, rows in parts:
-            samples, sums = self._setup.texel_samples(self._side, rows, group), own[rows]
+        parts = [(group, rows, own_sums) for group in range(GROUPS) for rows, own_sums in chosen_chunks]
+        self._source.expect(others(group, rows) for group, rows, _ in parts if (groups[rows] != group).any())
+        for group, rows, own_sums in parts:
+            samples, sums = self._setup.texel_samples(self._side, rows, group), own_sums.copy()
             is_other = groups[rows] != group
             if is_other.any():
                 sums[is_other] = self._sums(samples.select(is_other), others(group, rows))
             self._halves[group % 2, rows] += sums
             self._fit(samples, sums, group)
 
-    def _fit_shared(self, rows: NDArray[np.intp], faces: Int32Array) -> None:
-        """Fit the image to the shared sums of texels: they are of the middle of the samples of all groups.
+    def _fit_shared(self, smooth: BoolArray, faces: Int32Array) -> None:
+        """Fit the image to the shared sums of smooth texels: they are of the middle of the samples of all groups.
 
-        faces   (k,) int32: of all texels
+        smooth, faces   (k,) bool and int32: of all texels
         """
-        for start in range(0, len(rows), FIT_CHUNK):
-            some = rows[start : start + FIT_CHUNK]
+        starts = [*np.flatnonzero(smooth)[::FIT_CHUNK].tolist(), len(smooth)]
+        for start, stop in pairwise(starts):
+            some = start + np.flatnonzero(smooth[start:stop])
             row, column = np.divmod(self._side.texels.index[some], self._side.texels.width)
             positions = (np.stack([column, row], axis=1) + MEAN_OFFSET).astype(np.float32)
             sums = self._halves[0, some] + self._halves[1, some]

@@ -25,6 +25,8 @@ from aoprecalc.options import Estimator, Falloff, Sampling, ValueOptions, Weight
 from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
 from aoprecalc.visibility.sky import Sky, sky_of
 
+_CHUNK = 1 << 20  # texels whose error is looked at at a time: bounds memory
+
 
 @dataclass(frozen=True)
 class Integrand:
@@ -124,13 +126,18 @@ def sampling_error(
     """
     if not all(directions):
         return None
-    (first, measured_first), (second, measured_second) = (
-        integrand.estimate(sums, count) for sums, count in zip(halves, directions, strict=True)
-    )
-    measured_in_both = measured_first & measured_second
-    if not measured_in_both.any():
+    squares, texels = 0.0, 0
+    for start in range(0, halves.shape[1], _CHUNK):
+        (first, measured_first), (second, measured_second) = (
+            integrand.estimate(sums[start : start + _CHUNK], count)
+            for sums, count in zip(halves, directions, strict=True)
+        )
+        measured_in_both = measured_first & measured_second
+        squares += float(((first[measured_in_both] - second[measured_in_both]) ** 2).sum(dtype=np.float64))
+        texels += int(np.count_nonzero(measured_in_both))
+    if not texels:
         return None
-    difference = np.sqrt(((first[measured_in_both] - second[measured_in_both]) ** 2).mean(dtype=np.float64))
+    difference = np.sqrt(squares / texels)
     p, q = np.divide(directions, sum(directions))
     correlation = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
     return float(difference * np.sqrt(p * q / correlation))
