@@ -8,7 +8,9 @@ import numpy as np
 
 from aoprecalc.errors import InputError, counted, listed, one_or_many, option_name
 from aoprecalc.io import load_scene
+from aoprecalc.io.baked_options import file_digest
 from aoprecalc.io.images import read_pixels
+from aoprecalc.io.occlusion import OcclusionTexture
 from aoprecalc.mesh.opaque_triangles import opaque_pieces
 from aoprecalc.mesh.roles import finest_level
 from aoprecalc.mesh.surface import bounding_box, box_distance, diagonal, positions_of
@@ -113,28 +115,42 @@ def differences(scene: Scene, other: Scene) -> Iterator[str]:
             yield f"{found}; both are taken as they are written, export them alike"
 
 
-def files_beside(options: ValueOptions, given: VerifyOptions, scene: Scene, texture: str) -> ValueOptions:
+def files_beside(options: ValueOptions, given: VerifyOptions, scene: Scene, texture: OcclusionTexture) -> ValueOptions:
     """Return the options of a bake with paths beside the mesh for the names of files, which are all that a texture has.
 
     given     options that were given instead, with paths
-    texture   its name, for messages
 
-    Raises InputError that names all files that are not there, and where several have one name.
+    Raises InputError that names all files that are not there, or are others than those of the bake, and where several
+    have one name.
     """
     own = {name: getattr(options, name) for name in named_files(options) if getattr(given, name) is not None}
     found = replace(with_files(options, lambda name: str(scene.path.parent / name)), **own)
-    missing, options_of_it, files = list[str](), 0, 0
+    missing, others, asked = list[str](), list[str](), list[tuple[str, ...]]()
     for option, paths in named_files(found).items():
         if option in own:
             continue
-        names, advice = [Path(path).name for path in paths], f"give the paths with {option_name(option)}"
+        names = [Path(path).name for path in paths]
         if len(set(names)) < len(names):
-            raise InputError(f"{texture}: was baked with several files named {max(names, key=names.count)}; {advice}")
-        if lost := [f"{option_name(option)} {Path(path).name}" for path in paths if not Path(path).is_file()]:
-            missing, options_of_it, files = [*missing, *lost], options_of_it + 1, files + len(paths)
-    if missing:
-        are = f"which {one_or_many(len(missing), 'is', 'are')} not in the folder of {scene.path}"
-        which = one_or_many(files, "its path", f"the paths of all {files} files")
-        advice = f"give the {one_or_many(options_of_it, 'option', 'options')} with {which}"
-        raise InputError(f"{texture}: was baked with {listed(missing)}, {are}; {advice}")
-    return found
+            several, advice = max(names, key=names.count), f"give the paths with {option_name(option)}"
+            raise InputError(f"{texture.name}: was baked with several files named {several}; {advice}")
+        lost = [
+            f"{option_name(option)} {name}" for path, name in zip(paths, names, strict=True) if not Path(path).is_file()
+        ]
+        other = [
+            f"{option_name(option)} {name}"
+            for path, name, digest in zip(paths, names, texture.files.get(option, ()), strict=False)
+            if Path(path).is_file() and digest not in ("", file_digest(path))
+        ]
+        missing, others = missing + lost, others + other
+        asked += [paths] if lost or other else []
+    if not asked:
+        return found
+    folder = f"in the folder of {scene.path}"
+    told = [f"{listed(missing)}, which {one_or_many(len(missing), 'is', 'are')} not {folder}"] if missing else []
+    if others:
+        found_there = one_or_many(len(others), "another is", "others are")
+        told.append(f"{listed(others)}, but {found_there} {'there' if missing else folder}")
+    files = sum(map(len, asked))
+    which = one_or_many(files, "its path", f"the paths of all {files} files")
+    advice = f"give the {one_or_many(len(asked), 'option', 'options')} with {which}"
+    raise InputError(f"{texture.name}: was baked with {', and with '.join(told)}; {advice}")

@@ -202,7 +202,7 @@ def verify(
             claim_output(outputs, wanted[key], path)
         value = surface.options  # of a mesh in memory, with paths
         if mesh.ao is None:
-            value = files_beside(value, options, surface.scene, surface.picture.name)
+            value = files_beside(value, options, surface.scene, surface.picture)
         outputs.protect(map(Path, option_files(value)))
         prepared = PreparedScene.of(surface.scene, value, options.threads, details)
         surface = replace(surface, scene=prepared.scene)

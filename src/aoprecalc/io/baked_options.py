@@ -6,16 +6,20 @@ The text of an image (see `images.py`) has it as JSON, in ASCII:
 
 Options that are None or name nothing are left out.
 
-An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`.
+An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`. Where
+options name files, the member `"files"` has the beginning of the SHA-256 of each, by option.
 
 glTF's occlusionTexture has the options in its `extras`, as the member "aoprecalc". Neither has times or
 names of machines, and of the paths of files they have the names only. What is read is not trusted: its size is bounded,
 and it is checked as options of the command line.
 """
 
+import hashlib
 import json
 import os
 from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -25,12 +29,13 @@ from aoprecalc.errors import ArgumentError
 from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import MAX_TEXT
 from aoprecalc.options import ValueOptions
-from aoprecalc.options.fields import with_files
+from aoprecalc.options.fields import named_files, with_files
 from aoprecalc.types import Float32Array
 
 OPTIONS_SCHEMA = 1  # version of the JSON
 EXTRAS = "aoprecalc"  # the member of glTF's `extras`
-_TRIANGLES, _INVERTED = "triangles", "inverted"
+_TRIANGLES, _INVERTED, _FILES = "triangles", "inverted", "files"
+_DIGITS = 16  # of a SHA-256, in hexadecimal: enough to tell files of one name apart
 
 
 def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
@@ -50,7 +55,10 @@ def bake_text(options: ValueOptions | None, triangles: int, *, inverted: bool = 
     document = options_document(options)
     if document is None:
         return ""
-    return _json({**document, _TRIANGLES: triangles, **({_INVERTED: True} if inverted else {})})
+    document |= {_TRIANGLES: triangles, **({_INVERTED: True} if inverted else {})}
+    digests = {name: list(map(file_digest, paths)) for name, paths in named_files(options).items()}
+    text = _json(document | ({_FILES: digests} if digests else {}))
+    return text if len(text) <= MAX_TEXT else _json(document)
 
 
 def read_options(found: object) -> ValueOptions:
@@ -90,6 +98,32 @@ def baked_triangles(image: ImageSource) -> int | None:
     """Return how many triangles the mesh had for which an image was baked; None where the image does not say."""
     count = _member(image, _TRIANGLES)
     return count if isinstance(count, int) else None
+
+
+def baked_files(image: ImageSource) -> dict[str, tuple[str, ...]]:
+    """Return the digests of the files that each option of the bake named, see `file_digest`; empty where none is told.
+
+    A file that was not there when the image was written has an empty one.
+    """
+    found = _member(image, _FILES)
+    lists = found.items() if isinstance(found, dict) else ()
+    return {name: tuple(map(str, digests)) for name, digests in lists if isinstance(digests, list)}
+
+
+def file_digest(path: str) -> str:
+    """Return what tells a file from others of its name: the beginning of its SHA-256; empty where it cannot be read."""
+    try:
+        stat = os.stat(path)
+        return _digest(os.path.abspath(path), stat.st_size, stat.st_mtime_ns)
+    except OSError:
+        return ""
+
+
+@lru_cache
+def _digest(path: str, size: int, time: int) -> str:
+    """Return the digest of a file of a size and a time, which tell whether it has changed since the last call."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:_DIGITS]
 
 
 def occlusion_pixels(image: ImageSource) -> Float32Array:

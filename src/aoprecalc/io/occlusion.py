@@ -1,15 +1,15 @@
 """The ambient occlusion of a mesh: the textures that its file refers to, what they hold, and the mesh of a texture."""
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.io.baked_options import baked_options, baked_triangles, occlusion_values
+from aoprecalc.io.baked_options import baked_files, baked_options, baked_triangles, occlusion_values
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.files import ImageSource, same_file
 from aoprecalc.io.meshes import OUTPUT_MESH_EXTENSIONS, load_scene, part_occlusion
@@ -63,6 +63,7 @@ class OcclusionTexture:
     others    names of the textures that other faces have
     triangles   how many the mesh had for which it was baked; None where the texture does not say
     strengths   (f,) float32 in [0, 1]: viewers show 1 + strength * (AO - 1); None: 1 everywhere
+    files       digests of the files that each of the options named; see `baked_files`
     """
 
     name: str
@@ -75,6 +76,7 @@ class OcclusionTexture:
     others: tuple[str, ...] = ()
     triangles: int | None = None
     strengths: Float32Array | None = None
+    files: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 # How badly a texture fits: from the faces that show it, and the options of its bake.
@@ -218,6 +220,7 @@ class _Stated:
             others,
             baked_triangles(image),
             np.repeat([part.strength for part in self.parts], self.sizes).astype(np.float32),
+            baked_files(image),
         )
 
 
