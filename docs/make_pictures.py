@@ -439,19 +439,55 @@ def three(folder: Path) -> Picture:
     return np.concatenate(shots, axis=1)
 
 
-def spherical_harmonics(folder: Path) -> Picture:
-    """The statue in examples/three/spherical-harmonics.html: without occlusion, by harmonics, and by rays."""
-    constant, slope = 0.5, np.array([0.3, 0.2, 0.25])  # the light from w is constant + slope.w
+SKY, SLOPE = 0.5, np.array([0.3, 0.2, 0.25])  # the light from w is SKY + SLOPE.w
+
+
+def by_rays(folder: Path) -> tuple[ao.BakeResult, np.ndarray, ao.BakeResult]:
+    """The statue with bent normals, the light on it by ray tracing, and the statue where nothing occludes."""
     result = baked(folder / "statue.obj", bent_normals=True)
-    result.save(folder / "statue_ao.glb", sh=folder / "statue_sh.png")
     rows, columns = np.mgrid[:64, :128] + 0.5
     polar, azimuth = np.pi * rows / 64, 2 * np.pi * (columns / 128 - 0.5)
     towards = np.stack([np.sin(polar) * np.cos(azimuth), np.cos(polar), np.sin(polar) * np.sin(azimuth)], axis=-1)
-    write_image(folder / "sky.exr", (constant + towards @ slope)[..., None].astype(np.float32), "float")
-    rays = {"sky": folder / "sky.exr", "backend": "ray"}
-    under_sky = baked(folder / "statue.obj", **rays).ao  # the share of the light that is left
-    unoccluded = baked(folder / "statue.obj", bent_normals=True, max_distance=1e-6).sh
-    write_image(folder / "reference.png", under_sky * (unoccluded @ [constant, *slope]).astype(np.float32), "16")
+    write_image(folder / "sky.exr", (SKY + towards @ SLOPE)[..., None].astype(np.float32), "float")
+    under_sky = baked(folder / "statue.obj", sky=folder / "sky.exr", backend="ray").ao  # the share that is left
+    unoccluded = baked(folder / "statue.obj", bent_normals=True, max_distance=1e-6)
+    return result, under_sky * (unoccluded.sh @ [SKY, *SLOPE]).astype(np.float32), unoccluded
+
+
+def bent_normals(folder: Path) -> Picture:
+    """The statue's bent normals, and the light of a sky along its normals, along these, and by rays."""
+    result, reference, unoccluded = by_rays(folder)
+    lights = {
+        "light along the normal, times AO": result.ao * (SKY + 2 / 3 * unoccluded.bent_normals @ SLOPE),
+        "light along the bent normal, times AO": result.ao * (SKY + 2 / 3 * result.bent_normals @ SLOPE),
+        "the same light by ray tracing": reference,
+    }
+    picture = np.floor(127.5 * (result.bent_normals + 1) + 0.5).astype(np.uint8)
+    cells = [(np.asarray(Image.fromarray(picture).resize((300, 300))), "statue_bent.png, --bent-space world")]
+    brightest = max(values.max() for values in lights.values())
+    for name, values in lights.items():
+        texture = (values / brightest).astype(np.float32)
+        print(f"{name}: {np.sqrt(((values - reference)[result.valid] ** 2).mean()):.4f} from rays, RMS")
+        cells.append((ao.preview(result.mesh, ao.PreviewOptions(size=(300, 300)), texture=texture).image, name))
+    return contact_sheet(cells, 4)
+
+
+def strength(_: Path) -> Picture:
+    """The colonnade with its whole occlusion and with a part of it, as viewers of glTF show it; an inverted picture."""
+    sys.path.insert(0, str(EXAMPLES))
+    from make_meshes import colonnade
+
+    mesh = colonnade()
+    results = {value: baked(mesh, size=512, crease_angle=40, strength=value) for value in (1.0, 0.6, 0.2)}
+    cells = [(drawn(result, (360, 300)), f"--strength {value:g}") for value, result in results.items()]
+    return contact_sheet([*cells, (gray(1 - results[1.0].ao, (300, 300)), "the picture of --invert")], 4)
+
+
+def spherical_harmonics(folder: Path) -> Picture:
+    """The statue in examples/three/spherical-harmonics.html: without occlusion, by harmonics, and by rays."""
+    result, reference, _ = by_rays(folder)
+    result.save(folder / "statue_ao.glb", sh=folder / "statue_sh.png")
+    write_image(folder / "reference.png", reference, "16")
     shutil.copy(EXAMPLES / "three/spherical-harmonics.html", folder)
     (folder / "node_modules").symlink_to(HERE.parent / "viewer/node_modules")
     names = {"open": "without occlusion", "": "spherical harmonics in three.js", "reference": "ray tracing"}
@@ -459,8 +495,8 @@ def spherical_harmonics(folder: Path) -> Picture:
         page = f"http://localhost:{server.server_port}/spherical-harmonics.html"
         shots = {mark: photographed(f"{page}#{mark}", (300, 400)) for mark in names}
         server.shutdown()
-    by_harmonics, by_rays = (shots[mark].astype(float) / 255 for mark in ("", "reference"))
-    print(f"three.js and rays differ by {np.sqrt(((by_harmonics - by_rays) ** 2).mean()):.4f}, RMS, in sRGB")
+    harmonics, traced = (shots[mark].astype(float) / 255 for mark in ("", "reference"))
+    print(f"three.js and rays differ by {np.sqrt(((harmonics - traced) ** 2).mean()):.4f}, RMS, in sRGB")
     return contact_sheet([(shots[mark], name) for mark, name in names.items()], 3)
 
 
@@ -503,8 +539,8 @@ def page_wide(sheet: Picture) -> Picture:
 
 PICTURES = (before_after, preview, preview_material, preview_ground, preview_views, first_bake, shadows, robot, spheres,
             dark, leaks, occlusion, several_textures, high_to_low, ground_height, backfaces, self_occlusion,
-            surroundings, poses, vertex_values, sides, borders, figures, sphere_figures, three, spherical_harmonics,
-            report, report_batch)  # fmt: skip
+            surroundings, poses, vertex_values, bent_normals, strength, sides, borders, figures, sphere_figures, three,
+            spherical_harmonics, report, report_batch)  # fmt: skip
 
 
 def main() -> None:

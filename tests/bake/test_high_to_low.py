@@ -104,24 +104,42 @@ def test_names_that_do_not_match_are_told(tmp_path):
     assert any("no names of parts match" in line for line in report.notes)
 
 
-@pytest.mark.parametrize("backend", ["gl", "ray"])
-def test_a_plane_is_met_through_the_hole_of_a_masked_sheet_over_it(backend):
-    """Beside the edge of a long half plane at height d, at a distance a, (1 + a / sqrt(a^2 + d^2)) / 2 is open."""
-    sheet = quad((-3, -3, 0.05), (6, 0, 0), (0, 6, 0))
-    floor = quad((-3, -3, -0.05), (6, 0, 0), (0, 6, 0))
-    high = scene_of_parts(sheet, floor)
-    mask = AlphaMask(np.array([[0, 1]], np.float32), SQUARE, np.ones((2, 3)), 0.5, ("clamp", "clamp"))
-    first, second = high.parts
-    high = replace(high, parts=(replace(first, material=Material(alpha_mask=mask)), second))
+def over_the_middle(high, backend, **options):
+    """The texture of a square at z = 0, of which the distance of the cage is 0.1."""
     low = scene(*quad((-0.5, -0.5, 0), (1, 0, 0), (0, 1, 0)), SQUARE)
-    options = BakeOptions(backend=backend, unwrap="keep", cage=0.1, size=64, directions=2000)
+    options = BakeOptions(backend=backend, unwrap="keep", cage=0.1, size=64, directions=2000, **options)
     prepared, progress = prepare_bake(low, options, [high]), Progress()
     with open_backend(options, progress) as backend:
         texture = bake_prepared(prepared, backend, options, progress, StageTimer(progress)).texture
-    x = (np.arange(64) + 0.5) / 64 - 0.5
-    expected = np.where(x < 0, (1 - x / np.hypot(x, 0.1)) / 2, 1.0)
-    assert np.abs(texture.values - expected)[:, np.abs(x) > 0.02].max() < 0.02
     assert texture.valid.all()
+    return texture.values
+
+
+FLOOR = quad((-3, -3, -0.05), (6, 0, 0), (0, 6, 0))
+X = (np.arange(64) + 0.5) / 64 - 0.5  # of the columns
+AWAY = np.abs(X) > 0.02  # from the edge of a half plane
+BESIDE = (1 + np.abs(X) / np.hypot(X, 0.1)) / 2  # what is open beside a long half plane that ends above x = 0
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_a_plane_is_met_through_the_hole_of_a_masked_sheet_over_it(backend):
+    high = scene_of_parts(quad((-3, -3, 0.05), (6, 0, 0), (0, 6, 0)), FLOOR)
+    mask = AlphaMask(np.array([[0, 1]], np.float32), SQUARE, np.ones((2, 3)), 0.5, ("clamp", "clamp"))
+    first, second = high.parts
+    high = replace(high, parts=(replace(first, material=Material(alpha_mask=mask)), second))
+    values = over_the_middle(high, backend)
+    assert np.abs(values - np.where(X < 0, BESIDE, 1.0))[:, AWAY].max() < 0.02
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+def test_a_pane_of_glass_is_met_and_does_not_occlude_unless_asked_for(backend):
+    """A pane over one half of a floor: its upper side is open, and so is the floor beside it, unless glass occludes."""
+    high = scene_of_parts(quad((-3, -3, 0.05), (3, 0, 0), (0, 6, 0)), FLOOR)
+    first, second = high.parts
+    high = replace(high, parts=(replace(first, material=Material(transparent=True)), second))
+    assert np.abs(over_the_middle(high, backend) - 1)[:, AWAY].max() < 0.02
+    opaque = over_the_middle(high, backend, glass_occludes=True)
+    assert np.abs(opaque - np.where(X < 0, 1.0, BESIDE))[:, AWAY].max() < 0.03  # at texels near the edge
 
 
 def test_misses_are_counted_named_and_filled_from_around():

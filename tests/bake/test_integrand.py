@@ -1,6 +1,6 @@
 """The integrand of a bake: distance, falloff, cone and weight, against closed forms, by depth maps and by rays."""
 
-from math import cos, inf, log, radians, sqrt
+from math import asin, cos, inf, log, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -93,6 +93,27 @@ def test_a_disc_in_a_cone_hides_its_share(backend, weight, cone):
     value = {"cone": cone, "weight": weight}
     assert baked_value(made, backend=backend, **value) == pytest.approx(1 - share, abs=0.01)
     assert reference(made, **value) == pytest.approx(1 - share, abs=2e-3)
+
+
+@pytest.mark.parametrize("backend", ["gl", "ray"])
+@pytest.mark.parametrize("cone", [180, 120, 90, 60])
+def test_a_cone_over_a_corner_meets_the_wall_above_its_edge(backend, cone):
+    """An endless wall of height 1 at the distance 1: w is visible above the plane through the point and the wall's rim.
+
+    By the cosine, w counts as the area of its projection onto the floor (Nusselt): the cone is a disc of radius
+    s = sin(cone / 2) there, and the rim half an ellipse with the axes c = cos 45 degrees, towards the wall, and 1. They
+    meet at y^2 = (s^2 - c^2) / (1 - c^2); a cone with s < c does not reach the wall.
+    """
+    made = patch_under(quad((-1, WIDE, 0), (0, -2 * WIDE, 0), (0, 0, 1)))
+    s, c = sin(radians(cone / 2)), sqrt(0.5)
+    y = sqrt(max(s**2 - c**2, 0) / (1 - c**2))
+
+    def half(radius):  # the integral of sqrt(radius^2 - t^2) from -y to y
+        return y * sqrt(radius**2 - y**2) + radius**2 * asin(y / radius)
+
+    expected = 1 - (half(s) - c * half(1)) / (pi * s**2)
+    assert baked_value(made, backend=backend, cone=cone) == pytest.approx(expected, abs=0.01)
+    assert reference(made, cone=cone) == pytest.approx(expected, abs=2e-3)
 
 
 @pytest.mark.parametrize("weight", ["cosine", "uniform"])

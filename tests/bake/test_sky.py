@@ -94,6 +94,36 @@ def test_a_sun_of_one_pixel_is_neither_missed_nor_blurred(backend, tmp_path):
     assert value(patch_and(behind), backend, sky=sky, up="z") > 0.98
 
 
+def with_sun(share, height=64):
+    """An image of a uniform sky, and a pixel at 30 degrees from the zenith that has this share of all light."""
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    areas = np.repeat(-np.diff(edges)[:, None] / (4 * height), 2 * height, axis=1)  # of pixels, of a sphere of area 1
+    image = np.ones((height, 2 * height))
+    image[height // 6, 7] += share / (1 - share) / areas[height // 6, 7]
+    return image
+
+
+@pytest.mark.parametrize("share", [0.2, 0.9])
+@pytest.mark.parametrize("directions", [100, 1000, 20_000])
+@pytest.mark.parametrize("height", [12, 64, 300])
+def test_the_share_of_the_brightest_direction_is_that_of_the_sun(share, directions, height):
+    """Beside the sun itself it has 1 / n of the sky; a pixel that is larger than that gives it a part of its light."""
+    found = ImageSky(sky_image(with_sun(share, height)[..., None].astype(np.float32)), FRAME).share_in_one(directions)
+    pixel = -np.diff(np.cos(np.pi * (height // 6 + np.arange(2)) / height))[0] / (4 * height)
+    held = min(1, 1 / (directions * pixel))
+    assert found == pytest.approx(share * held + (1 - share) / directions, rel=0.02, abs=0.3 / directions)
+
+
+@pytest.mark.parametrize(("share", "directions", "warned"), [(0.2, 512, True), (0.03, 512, False), (0, 16, False)])
+def test_a_sun_in_a_sky_is_told(share, directions, warned, tmp_path):
+    sky = saved(tmp_path / "sky.exr", with_sun(share))
+    report = ao.bake(ao.Mesh(*box()), BakeOptions(sky=sky, size=16, directions=directions, up="z")).report
+    told = (
+        "sky.exr: 20% of its light comes from one of 512 directions, as from a sun: that shadow is hard and up to 5 deg"
+    )
+    assert any(line.startswith(told) for line in report.warnings) == warned
+
+
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_an_image_stands_upright_and_right_way_round(up):
     image = sky_image(np.arange(1.0, 33).reshape(4, 8, 1).astype(np.float32))

@@ -1,7 +1,9 @@
 """What a bake tells the user: warnings of what may need an action, notes of the rest."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +20,7 @@ from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Baked, Float64Array, Part, Scene
 from aoprecalc.uv.checks import MAX_OVERLAP, needs_uvs, surface_share
 from aoprecalc.uv.pack import first_unsafe_mip
+from aoprecalc.visibility.sky import ImageSky, sky_of
 
 _MIN_DARK = 0.01  # of the texels: a note tells the causes where as many are dark
 _MIN_INWARDS = 0.02  # of the texels: a warning where as many are dark and face inwards
@@ -25,6 +28,7 @@ _MIN_CAUSE = 0.0005  # of the texels: rarer causes are not told; 0.1% when round
 _MANY = 0.5  # of the texels: a warning where as many are enclosed, or face the ground
 _BEND, _MIN_BENT = 40.0, 0.1  # degrees; share of the surface along edges that bend more: they may be meant to be hard
 _FEW_TEXELS = 64  # 8 x 8
+_SUN, _SUN_OVER_MEAN = 0.05, 10  # share of a sky's light from one direction that adds as much error as all the others
 _ONE_VALUE = 0.1  # by which the AO of a part may differ and still count as one value
 
 _OF_DIRECTIONS = "bent_space", "green"  # options of bent normals and spherical harmonics
@@ -59,6 +63,7 @@ def messages_on(baked: Baked, options: BakeOptions, overlap: float) -> list[str]
     lines += _notes_on_normals(scene, options)
     lines += _warnings_on_backs(scene, options)
     lines += _warn_of_error(baked, options)
+    lines += _warn_of_sun(baked, options)
     lines += _warnings_on_uvs(scene, atlas, overlap)
     texels = doubled_uv_areas(atlas.uvs) / 2 * atlas.mapped * baked.texture.values.size
     surroundings = None if atlas.method == "keep" else _surroundings(scene, texels)
@@ -174,6 +179,18 @@ def _warn_of_error(baked: Baked, options: BakeOptions) -> list[str]:
     return [
         f"the estimated sampling error is {error:.4f} after {baked.directions} directions, more than the target of "
         f"{target:.4g}; use more --directions"
+    ]
+
+
+def _warn_of_sun(baked: Baked, options: BakeOptions) -> list[str]:
+    """Warn of a sky of which one direction has so much light that its hard shadow is most of the error."""
+    sky, count = sky_of(baked.scene, options), baked.directions
+    if not isinstance(sky, ImageSky) or (share := sky.share_in_one(count)) <= max(_SUN, _SUN_OVER_MEAN / count):
+        return []
+    off = math.degrees(math.acos(1 - 2 / count))
+    found = f"{Path(options.sky).name}: {share:.0%} of its light comes from one of {count} directions, as from a sun"
+    return [
+        f"{found}: that shadow is hard and up to {off:.0f} degrees off; use an image without it, or more --directions"
     ]
 
 

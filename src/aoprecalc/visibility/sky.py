@@ -105,6 +105,13 @@ class ImageSky:
         )
         return SkyCells(directions, np.where(area > 0, light / np.where(area > 0, area, 1), self.radiance(directions)))
 
+    def share_in_one(self, directions: int) -> float:
+        """Return the share of the light that one of so many directions stands for: the one of the brightest pixel."""
+        (centers, areas), light, brightest = self._pixel_centers(), self._light(), np.argmax(self.image)
+        near = centers @ centers[brightest] >= 1 - 2 / directions  # a cap of 1 / directions of the sphere
+        held = min(1, 1 / (directions * areas[brightest]))  # of the light of a pixel larger than that
+        return float(held * light[near].sum() / light.sum())
+
     def density(self, directions: NDArray[np.floating]) -> Float64Array:
         """Return the probability density of `sample`, (k,), per unit of solid angle."""
         density: Float64Array = self.radiance(directions) / (self._light().sum() * 4 * np.pi)
