@@ -20,7 +20,7 @@ from aoprecalc.api.preview import PreviewReport
 from aoprecalc.api.report import PageReport
 from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.sphere_quality import SphereQuality
-from aoprecalc.api.verify import VerifyReport
+from aoprecalc.api.verify_report import VerifyReport
 from aoprecalc.io.outputs import SCHEMAS
 from aoprecalc.options import BakeOptions, Method, Radius, SphereOptions
 from aoprecalc.options.fields import OptionField, description, option_fields

@@ -75,7 +75,8 @@ if TYPE_CHECKING:
     from aoprecalc.api.reports import BakeReport
     from aoprecalc.api.sphere_quality import SphereQuality
     from aoprecalc.api.spheres import SphereResult, fit_spheres, load_spheres, measure_spheres
-    from aoprecalc.api.verify import VerifyReport, verify
+    from aoprecalc.api.verify import verify
+    from aoprecalc.api.verify_report import VerifyReport
     from aoprecalc.errors import AoprecalcError, ArgumentError, InputError, OutputError, RendererError, UsageError
     from aoprecalc.options import (
         BakeOptions,
@@ -102,7 +103,8 @@ else:
         "api.reports": ("BakeReport",),
         "api.sphere_quality": ("SphereQuality",),
         "api.spheres": ("SphereResult", "fit_spheres", "load_spheres", "measure_spheres"),
-        "api.verify": ("VerifyReport", "verify"),
+        "api.verify": ("verify",),
+        "api.verify_report": ("VerifyReport",),
         "errors": ("AoprecalcError", "ArgumentError", "InputError", "OutputError", "RendererError", "UsageError"),
         "options": (
             "BakeOptions",

@@ -7,6 +7,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from aoprecalc.api.bake_textures import BakedTextures, TextureBake
+from aoprecalc.api.certified_bake import check_lossless
 from aoprecalc.api.directional_files import WrittenPictures, write_pictures
 from aoprecalc.api.reports import AoReference, BakeOutputs
 from aoprecalc.api.textured_surface import verify_words
@@ -182,6 +183,7 @@ class BakePlan:
                 baked.normals,
                 pack=self.options.pack,
                 options=baked.options,
+                certificate=baked.certificate,
                 strength=self.options.strength,
                 vertices=vertices,
                 tangents=tangents,
@@ -202,7 +204,8 @@ class BakePlan:
 
     def _write_picture(self, path: Path, baked: Baked, bit_depth: BitDepth, *, inverted: bool) -> None:
         values = 1 - baked.texture.values if inverted else baked.texture.values
-        write_image(path, values, bit_depth, bake_text(baked.options, len(baked.scene.faces), inverted=inverted))
+        text = bake_text(baked.options, len(baked.scene.faces), baked.certificate, inverted=inverted)
+        write_image(path, values, bit_depth, text)
 
     @property
     def in_tangent_space(self) -> bool:
@@ -342,6 +345,7 @@ def plan_bake(
         texture = _File(mesh_path.with_name(f"{texture_stem(mesh_path.stem)}.png"))
     if texture is not None:
         choose_bit_depth(texture.path, options.bit_depth)
+        check_lossless(texture.path, options)
     elif mesh is not None and options.bit_depth not in ("auto", *BIT_DEPTHS[_EMBEDDED]):
         raise ArgumentError(
             "bit_depth",

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from aoprecalc.api.bake_messages import ground_alone
-from aoprecalc.api.documents import RayTracedErrors
+from aoprecalc.api.documents import ErrorCertificate, RayTracedErrors
 from aoprecalc.api.high_to_low import high_to_low
 from aoprecalc.api.reports import (
     BakeOutputs,
@@ -71,6 +71,7 @@ def bake_report(
         directions=baked.directions,
         directions_per_texel=round(baked.directions_per_texel),
         estimated_error=None if baked.sampling_error is None else round(baked.sampling_error, 6),
+        certificate=ErrorCertificate.of(baked.certificate),
         sampling=options.sampling,
         options=baked.options,
         floor=None if scene.around.ground is None else scene.around.ground.normal,

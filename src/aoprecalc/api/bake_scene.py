@@ -1,12 +1,14 @@
 """The bake itself, in memory: from a Scene to its ambient-occlusion texture, with warnings and notes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
 from aoprecalc.api.bake_messages import describe_uvs, messages_on
+from aoprecalc.api.certified_bake import Attempt, Certified, certify_texture, until_certain
 from aoprecalc.api.high_to_low import messages_on_misses, missed_texels, nothing_met
 from aoprecalc.api.prepared_scene import PreparedScene, prepare_bake, value_options
-from aoprecalc.api.texture_size import choose_texture
+from aoprecalc.api.texture_size import ChosenTexture, choose_texture, next_size
 from aoprecalc.api.vertex_ao import fit_to_texture
 from aoprecalc.errors import AoprecalcError, InputError, UsageError, counted
 from aoprecalc.mesh.detail import detail_of
@@ -14,9 +16,10 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.padding import fill_missed, pad_and_fill
 from aoprecalc.raster.resolve import lighter_of_sides, resolve_texels
-from aoprecalc.types import Baked, DarkTexels, Scene, Texels, Texture
+from aoprecalc.types import Baked, Certificate, DarkTexels, Scene, Texels, Texture
 from aoprecalc.visibility.backend import Backend, open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
+from aoprecalc.visibility.directions import DirectionPlan
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
 from aoprecalc.visibility.map_error import warnings_on_maps
 from aoprecalc.visibility.plan import GatherPlan, plan_gather
@@ -55,18 +58,23 @@ def bake_prepared(
     beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
     direction, RendererError where the renderer fails.
     """
-    with timer.stage("unwrap"):
-        chosen = choose_texture(backend, prepared, options, progress)
-    options, atlas = chosen.options, chosen.atlas
-    progress.note(describe_uvs(atlas, options.padding))
-    setup = BakeSetup(backend, BakeInputs(prepared.scene, atlas, prepared.normals, options))
-    measured = _measure(setup, make_visibility, progress, timer)
-    with timer.stage("finish"):
-        texture = _finish(measured, setup.inputs)
+    run = _Run(prepared, backend, make_visibility, progress, timer)
+    chosen = run.choose(options)
+    certified = None
+    if options.max_error is None:
+        made = run.make(chosen, None)
+    else:
+        certified = run.make_certain(chosen, options)
+        while certified.too_coarse and (size := next_size(chosen, backend, prepared.scene, options)) is not None:
+            chosen, attempts = run.choose(replace(options, size=size)), certified.attempts
+            del certified  # before the next one takes memory
+            certified = run.make_certain(chosen, options, attempts)
+        made = certified.made
+    measured, options = made.measured, chosen.options
     baked = Baked(
         scene=prepared.scene,
-        texture=texture,
-        atlas=atlas,
+        texture=made.texture,
+        atlas=chosen.atlas,
         normals=prepared.normals,
         directions=measured.directions,
         directions_per_texel=measured.directions_per_texel,
@@ -78,12 +86,61 @@ def bake_prepared(
         size_estimates=chosen.estimates,
         options=value_options(prepared.scene, options),
         missed=len(measured.missed),
+        certificate=None if certified is None else certified.certificate,
     )
     if options.vertex_ao != "none":
         with timer.stage("vertices"):
             baked = replace(baked, vertex_ao=fit_to_texture(baked))
-    messages = [*chosen.warnings, *measured.messages, *messages_on(baked, options, measured.overlap)]
+    uncertain = [] if certified is None else certified.warnings(options)
+    messages = [*chosen.warnings, *measured.messages, *uncertain, *messages_on(baked, options, measured.overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
+
+
+@dataclass(frozen=True, eq=False)
+class _MadeTexture:
+    """A finished texture, and what was measured for it."""
+
+    measured: "MeasuredTexels"
+    texture: Texture
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Makes textures of a prepared scene; see `bake_prepared`."""
+
+    prepared: PreparedScene
+    backend: Backend
+    make_visibility: VisibilityFactory
+    progress: Progress
+    timer: StageTimer
+
+    def choose(self, options: BakeOptions) -> ChosenTexture:
+        """Choose the size and the UVs."""
+        with self.timer.stage("unwrap"):
+            chosen = choose_texture(self.backend, self.prepared, options, self.progress)
+        self.progress.note(describe_uvs(chosen.atlas, chosen.options.padding))
+        return chosen
+
+    def make(self, chosen: ChosenTexture, directions: DirectionPlan | None) -> _MadeTexture:
+        """Make the texture of a size and UVs, with directions; None: as the options say."""
+        scene, normals = self.prepared.scene, self.prepared.normals
+        setup = BakeSetup(self.backend, BakeInputs(scene, chosen.atlas, normals, chosen.options, directions))
+        measured = _measure(setup, self.make_visibility, self.progress, self.timer)
+        with self.timer.stage("finish"):
+            return _MadeTexture(measured, _finish(measured, setup.inputs))
+
+    def make_certain(
+        self, chosen: ChosenTexture, options: BakeOptions, before: Sequence[Attempt] = ()
+    ) -> Certified[_MadeTexture]:
+        """Make textures of a size and UVs until the error of one is certain, or cannot be; see `until_certain`."""
+
+        def measure(made: _MadeTexture, confidence: float, attempt: int) -> Certificate:
+            with self.timer.stage("certify"):
+                return certify_texture(
+                    self.prepared, chosen.atlas, made.texture.values, options, confidence=confidence, attempt=attempt
+                )
+
+        return until_certain(lambda directions: self.make(chosen, directions), measure, options, before)
 
 
 @dataclass(frozen=True, eq=False)

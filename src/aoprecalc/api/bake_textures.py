@@ -301,6 +301,7 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
     )
     errors = [baked.sampling_error for baked in bakes if baked.sampling_error is not None]
     sizes = [baked.shadow_size for baked in bakes if baked.shadow_size is not None]
+    certificates = [baked.certificate for baked in bakes if baked.certificate is not None]
     return replace(
         bakes[0],
         scene=scene,
@@ -311,6 +312,7 @@ def _joined(scene: Scene, textures: Sequence[TextureBake]) -> Baked:
         sampling_error=max(errors, default=None),
         dark=_dark_of_all(bakes),
         missed=sum(baked.missed for baked in bakes),
+        certificate=max(certificates, key=lambda certificate: certificate.bound, default=None),
         shadow_size=max(sizes, default=None),
         size_estimates=(),
         warnings=_told([(texture.name, texture.baked.warnings) for texture in textures]),

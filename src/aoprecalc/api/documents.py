@@ -11,6 +11,7 @@ from typing import Any
 from aoprecalc import __version__
 from aoprecalc.metrics.errors import TextureErrors
 from aoprecalc.options import ValueOptions
+from aoprecalc.types import Certificate
 
 OMIT_NONE = {"omit_none": True}  # metadata of a field that the document lacks where it is None
 
@@ -98,6 +99,34 @@ def position_texts(points: Sequence[PointError]) -> list[tuple[str, ...]]:
     elif len(points) == 1:
         digits = _MAX_DIGITS
     return [tuple(f"{number:.{digits}g}" for number in point.position) for point in points]
+
+
+@dataclass(frozen=True)
+class ErrorCertificate(Report):
+    """How sure it is that the RMS error of a texture, as rendered, is at most a bound; in units of ambient occlusion.
+
+    certified   the bound is at most `max_error`
+    max_error   that was asked for
+    error       as measured, without the noise of the rays
+    bound       the error is at most this, with the confidence
+    confidence  least probability, 0 to 1, that the bound is right
+    points      on the surface, to which the texture was not fitted; rays: from each
+    seed        of both
+    """
+
+    certified: bool
+    max_error: float
+    error: float
+    bound: float
+    confidence: float
+    points: int
+    rays: int
+    seed: int
+
+    @classmethod
+    def of(cls, certificate: Certificate | None) -> "ErrorCertificate | None":
+        """Return what a document has of a certificate, if there is one."""
+        return None if certificate is None else cls(certificate.holds, **asdict(certificate))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import msgspec
 
 from aoprecalc.api.documents import Document
 from aoprecalc.api.reports import BakeReport
-from aoprecalc.api.verify import VerifyReport
+from aoprecalc.api.verify_report import VerifyReport
 from aoprecalc.errors import ArgumentError, InputError, counted
 from aoprecalc.io import IMAGE_EXTENSIONS, MESH_EXTENSIONS, OUTPUT_MESH_EXTENSIONS
 from aoprecalc.io.occlusion import mesh_beside

@@ -9,7 +9,7 @@ from aoprecalc.api.documents import LevelErrors, PointError, position_texts
 from aoprecalc.api.report_assets import AssetFiles
 from aoprecalc.api.reports import BakeReport
 from aoprecalc.api.sphere_quality import MEASURES, SphereQuality
-from aoprecalc.api.verify import VerifyReport
+from aoprecalc.api.verify_report import VerifyReport
 from aoprecalc.errors import AoprecalcError, ArgumentError, counted, option_name
 from aoprecalc.options import BakeOptions, Sampling, ValueOptions
 from aoprecalc.options.fields import as_words, option_fields

@@ -5,7 +5,7 @@ Numbers are rounded as the documents show them.
 
 from dataclasses import dataclass, field
 
-from aoprecalc.api.documents import OMIT_NONE, Document, RayTracedErrors, Report
+from aoprecalc.api.documents import OMIT_NONE, Document, ErrorCertificate, RayTracedErrors, Report
 from aoprecalc.api.high_to_low import HighToLow
 from aoprecalc.errors import counted
 from aoprecalc.io.outputs import SCHEMAS
@@ -258,6 +258,8 @@ class BakeReport(Document):
     estimated_error : float or None
         Estimated RMS sampling error of a texel, in units of ambient occlusion, from the difference of two halves of
         the directions; None up to 128 of them. What the texture's resolution adds at chart borders is not in it.
+    certificate : ErrorCertificate or None
+        Of the error as rendered, if `max_error` asked for one; of several textures that of the greatest bound.
     sampling : {"fibonacci", "random"}
     options : ValueOptions
         The options that define the value.
@@ -298,6 +300,7 @@ class BakeReport(Document):
     directions: int
     directions_per_texel: int
     estimated_error: float | None
+    certificate: ErrorCertificate | None
     sampling: str
     options: ValueOptions
     floor: tuple[float, float, float] | None

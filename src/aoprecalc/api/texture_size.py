@@ -101,8 +101,19 @@ def choose_texture(
     return ChosenTexture(replace(options, size=size, target_error=left), atlas, estimates, tuple(warnings))
 
 
+def next_size(chosen: ChosenTexture, backend: Backend, scene: Scene, options: BakeOptions) -> int | None:
+    """Return the next greater size that `auto` may take, None where there is none."""
+    larger = (size for size in SIZES if size > chosen.options.width and _has_room(size, backend, scene, options))
+    return next(larger, None) if options.size == "auto" else None
+
+
 def resolution_target(options: BakeOptions) -> float:
-    """Return the greatest error that the resolution may add: half of the squared error that is asked for."""
+    """Return the greatest error that the resolution may add: half of the squared error that is asked for.
+
+    A quarter of that of `max_error`, which is to be certain.
+    """
+    if options.max_error is not None:
+        return options.max_error / 2
     return DEFAULT_ERROR if options.target_error is None else options.target_error / math.sqrt(2)
 
 

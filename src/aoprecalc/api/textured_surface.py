@@ -3,6 +3,7 @@
 `verify` and `compare` measure it (TexturedSurface), pictures show it (MeshToDraw).
 """
 
+import os
 import shlex
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,11 +24,11 @@ from aoprecalc.mesh.roles import assign_roles, finest_level, names_a_part, up_ax
 from aoprecalc.mesh.surface import face_normals, shading_normals
 from aoprecalc.metrics.errors import seam_difference
 from aoprecalc.options import ValueOptions, VerifyOptions
-from aoprecalc.options.fields import option_fields
+from aoprecalc.options.fields import option_fields, with_files
 from aoprecalc.progress import Note
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import atlas_from_uvs, build_layout
-from aoprecalc.types import Atlas, Baked, BoolArray, Float32Array, Float64Array, Scene, TexturedMesh
+from aoprecalc.types import Atlas, Baked, BoolArray, Certificate, Float32Array, Float64Array, Scene, TexturedMesh
 
 # A given texture is refused beyond this share of random differences across seams. Measured: 0.07 to 0.65 with the right
 # textures, 0.75 to 1.2 with those of other meshes; with few seams, or hardly any contrast, nothing can be told.
@@ -66,6 +67,15 @@ class TexturedSurface:
         mapped, left_out = _mapped(scene, picture)
         taken = () if baked is None else verify_words(options, given)
         return cls(scene, picture, mapped, options, taken, (*picture.warnings, *missing, *left_out))
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The certificate of its bake; None where it has none, did not reach it, or other options are given now."""
+        certificate, baked = self.picture.certificate, self.picture.options
+        if certificate is None or not certificate.holds or baked is None:
+            return None
+        same = with_files(self.options, os.path.basename) == with_files(baked, os.path.basename)
+        return certificate if same else None
 
     @property
     def warning_on_mesh(self) -> tuple[str, ...]:

@@ -2,19 +2,20 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aoprecalc.api.documents import OMIT_NONE, Document, LevelErrors, PointError, RayTracedErrors, Report
+from aoprecalc.api.certified_bake import confirm
 from aoprecalc.api.high_to_low import detailed_meshes, messages_on_missed_points, names_of
 from aoprecalc.api.mesh import MeshLike, as_mesh, given_or_default
 from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.api.surroundings import files_beside
 from aoprecalc.api.textured_surface import TexturedSurface, find_texture
+from aoprecalc.api.verify_report import VerifyOutputs, VerifyReport, verify_report
 from aoprecalc.errors import InputError, UsageError, counted, one_or_many
 from aoprecalc.io import (
     IMAGE_EXTENSIONS,
@@ -24,7 +25,7 @@ from aoprecalc.io import (
     write_colors,
 )
 from aoprecalc.io.occlusion import mesh_beside
-from aoprecalc.io.outputs import SCHEMAS, claim_output, output_path, write_json
+from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, sample_surface
 from aoprecalc.metrics.errors import (
@@ -37,7 +38,7 @@ from aoprecalc.metrics.errors import (
 )
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_files
-from aoprecalc.progress import Note, Progress, StageTimer, notes_of, tell, warnings_of
+from aoprecalc.progress import Note, Progress, StageTimer, tell
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import build_layout
 from aoprecalc.render.comparison import error_heat_map, heat_map_size
@@ -47,90 +48,6 @@ from aoprecalc.uv.checks import MAX_OVERLAP
 from aoprecalc.visibility.integrand import Integrand
 
 _FEW_POINTS = 1000  # that leave the RMS error of a part uncertain by several per cent
-
-
-@dataclass(frozen=True)
-class VerifiedMesh(Report):
-    """The mesh whose texture was measured."""
-
-    path: str
-    triangles: int
-
-
-@dataclass(frozen=True)
-class VerifiedTexture(Report):
-    """The texture, and how many triangles and charts it covers; `repeats` where UVs leave [0, 1]."""
-
-    path: str
-    width: int
-    height: int
-    triangles: int
-    charts: int
-    repeats: bool
-
-
-@dataclass(frozen=True)
-class VerifyOutputs(Report):
-    """Paths of the files that were written, if any."""
-
-    heat_map: str | None = field(default=None, metadata=OMIT_NONE)
-    report: str | None = field(default=None, metadata=OMIT_NONE)
-
-
-@dataclass(frozen=True)
-class VerifyReport(Document):
-    """Error of an ambient-occlusion texture against ray tracing.
-
-    Attributes
-    ----------
-    input : VerifiedMesh
-    texture : VerifiedTexture
-    outputs : VerifyOutputs
-    seed : int
-        As in `VerifyOptions`.
-    options : ValueOptions
-        What the texture was held to: the options that were given, else those of its bake, else the defaults.
-    options_from : str or None
-        The picture, or the mesh around it, that told the options of the bake; None where nothing did.
-    points, rays : int
-        Points on the surface, and rays from each.
-    levels : tuple of LevelErrors
-        Errors per mip level, full resolution first.
-    worst : tuple of PointError
-        The points of greatest error at full resolution, the worst first.
-    tolerance : float or None
-        Greatest RMS error that passes.
-    passed : bool
-        The RMS error at full resolution is at most `tolerance`.
-    seconds : dict of str to float
-        Per stage, and ``"total"``.
-    warnings : tuple of str
-        What may need an action.
-    notes : tuple of str
-        Other lines about the result.
-    """
-
-    schema: int = field(default=SCHEMAS["verify"], kw_only=True)
-    input: VerifiedMesh
-    texture: VerifiedTexture
-    outputs: VerifyOutputs
-    seed: int
-    options: ValueOptions
-    options_from: str | None
-    points: int
-    rays: int
-    levels: tuple[LevelErrors, ...]
-    worst: tuple[PointError, ...]
-    tolerance: float | None
-    passed: bool
-    seconds: dict[str, float]
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def error(self) -> float:
-        """RMS error at full resolution, in units of ambient occlusion."""
-        return self.levels[0].rmse
 
 
 def verify(
@@ -208,12 +125,16 @@ def verify(
         surface = replace(surface, scene=prepared.scene)
         with timer.stage("rays", options.points, "points"):
             verified = measure_texture(prepared, surface.atlas, surface.picture.values, options, progress, value=value)
+        certificate = None
+        if (claimed := surface.certificate) is not None:
+            with timer.stage("certificate"):
+                certificate = confirm(claimed, prepared, surface.atlas, surface.picture.values, value, options)
         if "heat_map" in paths:
             with timer.stage("heat map"):
                 _write_heat_map(outputs.path(paths["heat_map"]), surface, verified)
         messages = [*_messages(surface, options), *messages_on_missed_points(verified)]
         written = VerifyOutputs(**{key: str(path) for key, path in paths.items()})
-        document = _report(surface, verified, options, written, timer.seconds(), messages)
+        document = verify_report(surface, verified, certificate, options, written, timer.seconds(), messages)
         if "report" in paths:
             write_json(outputs.path(paths["report"]), document.to_dict())
     tell(progress, messages)
@@ -348,34 +269,3 @@ def _notes_on_rays(options: VerifyOptions) -> list[Note]:
     if rays == options.rays:
         return []
     return [Note(f"{options.rays} rays per point are rounded up to {rays}, the next square")]
-
-
-def _report(
-    surface: TexturedSurface,
-    verified: TextureErrors,
-    options: VerifyOptions,
-    outputs: VerifyOutputs,
-    seconds: dict[str, float],
-    messages: Sequence[str],
-) -> VerifyReport:
-    scene, atlas, picture = surface.scene, surface.atlas, surface.picture
-    height, width = picture.values.shape
-    errors = RayTracedErrors.of(verified)
-    mapped = int(np.count_nonzero(atlas.mapped))
-    return VerifyReport(
-        input=VerifiedMesh(str(scene.path), len(scene.faces)),
-        texture=VerifiedTexture(picture.name, width, height, mapped, atlas.charts, repeats=atlas.repeats),
-        outputs=outputs,
-        seed=options.seed,
-        options=surface.options,
-        options_from=None if picture.options is None else picture.name,
-        points=errors.points,
-        rays=errors.rays,
-        levels=errors.levels,
-        worst=errors.worst,
-        tolerance=options.tolerance,
-        passed=options.tolerance is None or verified.levels[0].rmse <= options.tolerance,
-        seconds=seconds,
-        warnings=warnings_of(messages),
-        notes=notes_of(messages),
-    )

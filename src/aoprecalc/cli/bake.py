@@ -6,7 +6,7 @@ import click
 
 from aoprecalc.cli.commands import MeshCommand
 from aoprecalc.cli.options import FILE, Console, option, options_of, output_options, say, take
-from aoprecalc.errors import ArgumentError, counted
+from aoprecalc.errors import AnswerError, ArgumentError, counted
 from aoprecalc.options import BakeOptions, FigureOptions
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ def bake(mesh: str, **given: Any) -> None:
     files, report = result.files, result.report
     if as_json:
         click.echo(json_text(report.to_dict()), nl=False)
+        _require_certified(report)
         return
     held = "inverted (1 - AO), " if report.outputs.inverted else ""
     paths = files.textures or (f"texture inside {files.mesh}",) * len(report.textures)
@@ -110,6 +111,11 @@ def bake(mesh: str, **given: Any) -> None:
         say(f"{name}  {size}, {held}mean AO {texture.ao.mean:.3f}, {report.sampled}")
     if options.target_error is not None and report.estimated_error is not None:
         say(f"estimated sampling error {report.estimated_error:.4f}")
+    if (certificate := report.certificate) is not None:
+        say(
+            f"as rendered, RMS error at most {certificate.bound:.4g} with {certificate.confidence:.0%} confidence "
+            f"({certificate.error:.4f} measured at {certificate.points} points)"
+        )
     if report.verify is not None:
         error = report.verify.levels[0]
         say(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
@@ -124,6 +130,17 @@ def bake(mesh: str, **given: Any) -> None:
             say(f"{' + '.join(pictures)}  {name}, {options.bent_space} space")
     if report.outputs.figures:
         say(f"{report.outputs.figures[-1]}  figures, and {len(report.outputs.figures) - 1} pictures beside it")
+    _require_certified(report)
+
+
+def _require_certified(report: "BakeReport") -> None:
+    """Raise AnswerError where the error that was asked for is not certain."""
+    certificate = report.certificate
+    if certificate is not None and not certificate.certified:
+        raise AnswerError(
+            f"the RMS error is {certificate.error:.4f}, at most {certificate.bound:.4f} with "
+            f"{certificate.confidence:.0%} confidence; {certificate.max_error:g} was wanted: see the warning"
+        )
 
 
 def _where(report: "BakeReport") -> str:

@@ -10,7 +10,7 @@ from aoprecalc.errors import AnswerError, counted
 from aoprecalc.options import VerifyOptions
 
 if TYPE_CHECKING:
-    from aoprecalc.api.verify import VerifyReport
+    from aoprecalc.api.verify_report import VerifyReport
 
 
 @click.command(cls=Command, short_help="Measure an ambient-occlusion texture against ray tracing.")
@@ -55,6 +55,8 @@ def verify(mesh: str, texture: str | None, **given: Any) -> None:
     else:
         say(*_table(report))
     if not report.passed:
+        if report.certificate is not None and not report.certificate.certified:
+            raise AnswerError(_not_confirmed(report))
         known = report.options_from is not None
         others = "" if known else ", or verify it with the --normals, --estimator, --two-sided and --ground of its bake"
         raise AnswerError(
@@ -85,4 +87,21 @@ def _table(report: "VerifyReport") -> list[str]:
     for point, position in zip(report.worst, positions, strict=True):
         place, (u, v) = "".join(text.rjust(width) for text in position), point.uv
         lines.append(f"{'':10}{place}  {u:7.4f} {v:7.4f}{point.value:8.3f}{point.reference:11.3f}")
+    if report.certificate is not None and report.certificate.certified:
+        certificate = report.certificate
+        lines.append(
+            f"certificate confirmed at {certificate.points} other points: RMS error at most {certificate.max_error:g} "
+            f"with {certificate.confidence:.0%} confidence ({certificate.error:.4f} measured)"
+        )
     return lines
+
+
+def _not_confirmed(report: "VerifyReport") -> str:
+    """Return the line about a certificate that is not confirmed."""
+    certificate = report.certificate
+    assert certificate is not None
+    return (
+        f"{report.texture.path}: its certificate, an RMS error of at most {certificate.max_error:g}, is not confirmed: "
+        f"it is {certificate.error:.5f} at {certificate.points} points, at most {certificate.bound:.5f} with "
+        f"{certificate.confidence:.0%} confidence; the mesh or the picture has changed, bake it again"
+    )

@@ -1,10 +1,11 @@
-"""What travels with a baked texture: the options that define its values, how many triangles its mesh had, 1 - AO.
+"""What travels with a baked texture: the options that define its values, its certificate, what its mesh had, 1 - AO.
 
 The text of an image (see `images.py`) has it as JSON, in ASCII:
 
     {"schema": 1, "only": ["roof"], ..., "two_sided": true, "ground": true, "up": "y", ..., "triangles": 1234}
 
-Options that are None or name nothing are left out.
+Options that are None or name nothing are left out. With `--max-error` there is the member "certificate", an object with
+the fields of `Certificate`.
 
 An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`. Where
 options name files, the member `"files"` has the beginning of the SHA-256 of each, by option.
@@ -30,29 +31,36 @@ from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import MAX_TEXT
 from aoprecalc.options import ValueOptions
 from aoprecalc.options.fields import named_files, with_files
-from aoprecalc.types import Float32Array
+from aoprecalc.types import Certificate, Float32Array
 
 OPTIONS_SCHEMA = 1  # version of the JSON
 EXTRAS = "aoprecalc"  # the member of glTF's `extras`
-_TRIANGLES, _INVERTED, _FILES = "triangles", "inverted", "files"
+_TRIANGLES, _INVERTED, _FILES, _CERTIFICATE = "triangles", "inverted", "files", "certificate"
 _DIGITS = 16  # of a SHA-256, in hexadecimal: enough to tell files of one name apart
 
 
-def options_document(options: ValueOptions | None) -> dict[str, Any] | None:
-    """Return the JSON object of some options; None for no options, and where its text would be longer than MAX_TEXT."""
+def options_document(options: ValueOptions | None, certificate: Certificate | None = None) -> dict[str, Any] | None:
+    """Return the JSON object of some options, and a certificate if there is one.
+
+    None for no options, and where its text would be longer than MAX_TEXT.
+    """
     if options is None:
         return None
     values = asdict(with_files(options, os.path.basename))
     document = {"schema": OPTIONS_SCHEMA} | {name: value for name, value in values.items() if value not in (None, ())}
+    if certificate is not None:
+        document[_CERTIFICATE] = asdict(certificate)
     return document if len(_json(document)) <= MAX_TEXT - 60 else None  # with room for the other members
 
 
-def bake_text(options: ValueOptions | None, triangles: int, *, inverted: bool = False) -> str:
+def bake_text(
+    options: ValueOptions | None, triangles: int, certificate: Certificate | None = None, *, inverted: bool = False
+) -> str:
     """Return the text for the texture of a bake of so many triangles; empty where there is no document.
 
     inverted   the image holds 1 - AO
     """
-    document = options_document(options)
+    document = options_document(options, certificate)
     if document is None:
         return ""
     document |= {_TRIANGLES: triangles, **({_INVERTED: True} if inverted else {})}
@@ -124,6 +132,21 @@ def _digest(path: str, size: int, time: int) -> str:
     """Return the digest of a file of a size and a time, which tell whether it has changed since the last call."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:_DIGITS]
+
+
+def baked_certificate(image: ImageSource, extras: object = None) -> Certificate | None:
+    """Return the certificate that came with an image; None where there is none, or one that cannot be read.
+
+    extras   see `baked_options`
+    """
+    found = image.text() or extras
+    try:
+        read_options(found)
+        document: Any = json.loads(found) if isinstance(found, str) else found
+        certificate = msgspec.convert(document.get(_CERTIFICATE), Certificate)
+    except ValueError:
+        return None
+    return certificate if 0 < certificate.max_error <= 1 else None
 
 
 def occlusion_pixels(image: ImageSource) -> Float32Array:

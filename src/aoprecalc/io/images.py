@@ -42,6 +42,7 @@ BIT_DEPTHS: dict[str, tuple[Depth, ...]] = {
 
 IMAGE_EXTENSIONS = tuple(BIT_DEPTHS)
 EXTENSIONS_WITHOUT_TEXT = (".tga", ".bmp")
+LOSSY_EXTENSIONS = (".jpg", ".jpeg")
 
 # Of pictures for people; OpenImageIO writes all of them but WebP, which is Pillow's.
 PICTURE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp")
@@ -220,6 +221,14 @@ def quantize(values: Float32Array, depth: Depth) -> NDArray[Any]:
     scaled *= maximum
     scaled += 0.5  # rounded down by the conversion
     return scaled.astype(np.uint8 if depth == "8" else np.uint16)
+
+
+def stored(values: Float32Array, depth: Depth) -> Float32Array:
+    """Return values as they are read back from a stored type, see `quantize`."""
+    pixels = quantize(values, depth)
+    return np.asarray(
+        pixels / np.float32(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else pixels, np.float32
+    )
 
 
 def read_image(path: str | PathLike[str]) -> Float32Array:

@@ -9,13 +9,19 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.errors import InputError, counted
-from aoprecalc.io.baked_options import baked_files, baked_options, baked_triangles, occlusion_values
+from aoprecalc.io.baked_options import (
+    baked_certificate,
+    baked_files,
+    baked_options,
+    baked_triangles,
+    occlusion_values,
+)
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.files import ImageSource, same_file
 from aoprecalc.io.meshes import OUTPUT_MESH_EXTENSIONS, load_scene, part_occlusion
 from aoprecalc.options import ValueOptions
 from aoprecalc.texture_lookup import join_textures
-from aoprecalc.types import BoolArray, Float32Array, Float64Array, Scene
+from aoprecalc.types import BoolArray, Certificate, Float32Array, Float64Array, Scene
 
 
 def mesh_beside(texture: Path) -> Path | None:
@@ -64,6 +70,7 @@ class OcclusionTexture:
     triangles   how many the mesh had for which it was baked; None where the texture does not say
     strengths   (f,) float32 in [0, 1]: viewers show 1 + strength * (AO - 1); None: 1 everywhere
     files       digests of the files that each of the options named; see `baked_files`
+    certificate   of its error; None where it has none; of several textures that of the greatest bound
     """
 
     name: str
@@ -77,6 +84,7 @@ class OcclusionTexture:
     triangles: int | None = None
     strengths: Float32Array | None = None
     files: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    certificate: Certificate | None = None
 
 
 # How badly a texture fits: from the faces that show it, and the options of its bake.
@@ -144,7 +152,9 @@ def join_occlusion(
     shown = owners >= 0
     warnings = tuple(dict.fromkeys(line for picture in pictures for line in picture.warnings))
     others = tuple(name for name in main.others if name not in {picture.name for picture in pictures})
-    found = replace(main, shown=shown, warnings=warnings, others=others)
+    certificates = [picture.certificate for picture in pictures if picture.certificate is not None]
+    worst = max(certificates, key=lambda one: one.bound) if len(certificates) == len(pictures) else None
+    found = replace(main, shown=shown, warnings=warnings, others=others, certificate=worst)
     if len(different) == 1:
         return replace(found, values=different[0])
     joined, uvs = join_textures(different, owners, np.nan_to_num(main.uvs), whole=whole)
@@ -191,8 +201,12 @@ class _Stated:
 
     def options_of(self, image: ImageSource) -> tuple[ValueOptions | None, tuple[str, ...]]:
         """Return the options with which an image was baked, and warnings."""
+        return baked_options(image, self._extras(image))
+
+    def _extras(self, image: ImageSource) -> object:
+        """Return what the mesh's file says of the bake of an image, as JSON; None if nothing."""
         extras = (part.extras for part in self.parts if part.image == image and part.extras is not None)
-        return baked_options(image, next(extras, None))
+        return next(extras, None)
 
     def may_be_occlusion(self, image: ImageSource) -> bool:
         """Tell whether an image is ambient occlusion, or may be: the file or its bake says so, or it has no colours."""
@@ -221,6 +235,7 @@ class _Stated:
             baked_triangles(image),
             np.repeat([part.strength for part in self.parts], self.sizes).astype(np.float32),
             baked_files(image),
+            baked_certificate(image, self._extras(image)),
         )
 
 

@@ -287,6 +287,12 @@ class BakeOptions(_TextureSize, ValueOptions):
         default_text="never stop early",
         more="The error is the RMS error of a texel; it is estimated after every multiple of 256 directions. Where "
         "`size` is auto, E holds for the sum of its square and that of the error that the resolution adds.")] = None
+    max_error: Annotated[float | None, _visibility(
+        "Bake until the RMS error, as rendered, is at most E with 95% confidence, or say that it cannot be.",
+        common=True, range=(0.001, 1), metavar="E", default_text="no certificate",
+        more="The error is measured by rays at points that the texture was not fitted to. Directions are added as long "
+        "as they help, at most `directions`, then texels where `size` is auto. The picture, a glTF and the report hold "
+        "the certificate, which `verify` confirms.")] = None
     threads: ThreadsField = 0
     memory_limit: Annotated[int | None, _run(
         "Stay within this much memory, such as 1.5G: the same texture in more time.", range=(1, 1 << 50), unit="bytes",
@@ -330,7 +336,7 @@ class BakeOptions(_TextureSize, ValueOptions):
     @property
     def interleaves(self) -> bool:
         """Whether texels may take fewer directions than there are, where rays are traced."""
-        return self.directions is None and self.target_error is None
+        return (self.directions is None or self.max_error is not None) and self.target_error is None
 
     def __post_init__(self, size: int | tuple[int, int] | Literal["auto"] | None) -> None:
         """Check every value; raise ArgumentError where one is wrong."""
@@ -345,6 +351,10 @@ class BakeOptions(_TextureSize, ValueOptions):
                 "backend",
                 "is 'gl', but depth maps do not tell how far away an occluder is, as {max_distance} needs; omit one",
                 "max_distance",
+            )
+        if self.max_error is not None and self.target_error is not None:
+            raise ArgumentError(
+                "max_error", "and {target_error} both say when the bake ends; omit one of them", "target_error"
             )
         if (self.width == 0) != (self.height == 0):
             name = "width" if self.width == 0 else "height"

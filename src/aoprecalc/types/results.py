@@ -101,6 +101,40 @@ class Texture:
 
 
 @dataclass(frozen=True)
+class Certificate:
+    """How sure it is that the error of a texture, as rendered, is at most a bound.
+
+    Attributes
+    ----------
+    max_error : float
+        The greatest RMS error that was asked for, in units of ambient occlusion.
+    error : float
+        The RMS error over the surface at full resolution, as measured, without the noise of the rays.
+    bound : float
+        The RMS error is at most this, with the confidence.
+    confidence : float
+        Least probability, in [0, 1], that the bound is right, whatever the texture and the surface.
+    points, rays : int
+        Points on the surface, none of which the texture was fitted to, and rays from each.
+    seed : int
+        Seed of both.
+    """
+
+    max_error: float
+    error: float
+    bound: float
+    confidence: float
+    points: int
+    rays: int
+    seed: int
+
+    @property
+    def holds(self) -> bool:
+        """Whether the error is at most `max_error`, with the confidence."""
+        return self.bound <= self.max_error
+
+
+@dataclass(frozen=True)
 class DarkPart:
     """A part of which at least half is enclosed, or faces inwards: see DarkTexels; shares of its own texels."""
 
@@ -142,6 +176,7 @@ class Baked:
     directions      number of light directions that were used
     directions_per_texel   how many of them a texel took itself, in the mean: fewer where neighbours share what they see
     missed          texels without a value as their points are not on the detailed surface
+    certificate     of its error, if one was asked for; of several textures that of the greatest bound
     sampling_error  the estimated sampling error of a texel, RMS; None where there is no estimate (up to 128 directions)
     dark            its texels that get no light, and why
     backend         gl or ray; renderer: name of the OpenGL renderer, or of the ray tracer
@@ -167,6 +202,7 @@ class Baked:
     notes: tuple[str, ...] = ()
     vertex_ao: Float32Array | None = None
     missed: int = 0
+    certificate: Certificate | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -175,6 +175,7 @@ def first_look(
         directions=_LOOK_DIRECTIONS,
         sampling="fibonacci",
         target_error=None,
+        max_error=None,
         memory_limit=None,
         estimator="ratio",
         max_distance=None,

@@ -7,19 +7,21 @@ from the equator to the pole; it is visited with a stride that makes every group
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.surface import area_vectors, normalize, positions_of
-from aoprecalc.options import Sampling
+from aoprecalc.options import BakeOptions, Sampling
 from aoprecalc.types import Atlas, Float64Array, Scene
 
-GROUP_SIZE = 64  # axes that share a texel offset and are uniform by themselves
+GROUP_SIZE = 64  # axes that share a texel offset and are uniform by themselves, unless another number is asked for
 INV_GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 _PLASTIC_RATIO = 1.324717957244746  # generates the R2 sequence of offsets
 _ROTATION = 0.137  # of a whole turn: keeps the first axes away from the planes in which people model
 _MAX_STRIDES = 400
+_MOST_COMPARED = 256  # axes of a group whose distances tell how uniform it is: bounds time and memory
 
 MIN_SHADOW_SIZE, MAX_SHADOW_SIZE = 512, 2048
 _SIZE_STEP = 128
@@ -32,20 +34,39 @@ _PARALLEL = 1e-3  # length of the product of two unit vectors below which they c
 _MARGIN = 1.0  # map texels around what receives: for the neighbours that are read, and so that rounding leaves no tile
 
 
-def light_axes(directions: int, sampling: Sampling = "fibonacci", seed: int = 0) -> Float64Array:
+@dataclass(frozen=True)
+class DirectionPlan:
+    """How many light directions a bake takes.
+
+    count         of them, before it is rounded up to pairs
+    interleaved   where rays are traced, neighbouring texels may take different ones; see `interleaving`
+    """
+
+    count: int
+    interleaved: bool
+
+    @classmethod
+    def from_options(cls, options: BakeOptions) -> Self:
+        """Return what the options ask for."""
+        return cls(options.direction_count, options.interleaves)
+
+
+def light_axes(
+    directions: int, sampling: Sampling = "fibonacci", seed: int = 0, group_size: int = GROUP_SIZE
+) -> Float64Array:
     """Return ceil(directions / 2) axes, (a, 3) float64 unit vectors (Précalcul, section 1.1.1).
 
-    fibonacci ignores the seed; random draws from it, uniformly on the sphere.
+    fibonacci ignores the seed; random draws from it, uniformly on the sphere. For `group_size` see `axis_groups`.
     """
     count = (directions + 1) // 2
     if sampling == "random":
         return normalize(np.random.default_rng(seed).normal(size=(count, 3)))
-    return fibonacci_hemisphere(np.arange(count) * _stride(count) % count, count)
+    return fibonacci_hemisphere(np.arange(count) * _stride(count, group_size) % count, count)
 
 
-def axis_groups(count: int) -> list[slice]:
-    """Cut `count` axes into groups of GROUP_SIZE, the last one possibly shorter, in the order of summation."""
-    return [slice(start, min(start + GROUP_SIZE, count)) for start in range(0, count, GROUP_SIZE)]
+def axis_groups(count: int, group_size: int = GROUP_SIZE) -> list[slice]:
+    """Cut `count` axes into groups of `group_size`, the last one possibly shorter, in the order of summation."""
+    return [slice(start, min(start + group_size, count)) for start in range(0, count, group_size)]
 
 
 def texel_offset(group: int) -> tuple[float, float]:
@@ -85,21 +106,24 @@ def orthonormal_basis(units: Float64Array) -> tuple[Float64Array, Float64Array]:
     return tangent, bitangent
 
 
-def _stride(count: int) -> int:
+def _stride(count: int, group_size: int) -> int:
     """Return the step through the lattice, coprime to its size, whose first group is most uniform.
 
-    Later groups are the same pattern moved along the lattice. The most uniform group has the least potential
-    energy, in which each axis repels the others from both its ends.
+    Later groups are the same pattern moved along the lattice. The most uniform group has the least energy.
     """
-    if count <= GROUP_SIZE:
+    if count <= group_size:
         return 1
     strides = np.arange(1, count, dtype=np.int64)
+    steps = np.arange(min(group_size, _MOST_COMPARED))
     strides = strides[np.gcd(strides, count) == 1][:_MAX_STRIDES]
-    groups = fibonacci_hemisphere(strides[:, None] * np.arange(GROUP_SIZE) % count, count)
-    cosines = np.abs(groups @ groups.transpose(0, 2, 1))
-    cosines[:, np.arange(GROUP_SIZE), np.arange(GROUP_SIZE)] = 0.0
-    energy = (1.0 / np.sqrt(np.maximum(1.0 - cosines**2, 1e-12))).sum(axis=(1, 2))
-    return int(strides[np.argmin(energy)])
+    return int(min(strides, key=lambda stride: _energy(fibonacci_hemisphere(stride * steps % count, count))))
+
+
+def _energy(axes: Float64Array) -> float:
+    """Return the potential energy of (a, 3) axes that repel each other from both their ends."""
+    cosines = axes @ axes.T
+    np.fill_diagonal(cosines, 0.0)
+    return float((1.0 / np.sqrt(np.maximum(1.0 - cosines**2, 1e-12))).sum())
 
 
 # Projections: a square depth map for every axis, fitted tightly around what receives: what occludes it along the axis

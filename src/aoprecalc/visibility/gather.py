@@ -21,7 +21,7 @@ from aoprecalc.visibility.backend import VisibilityTester
 from aoprecalc.visibility.directions import texel_offset
 from aoprecalc.visibility.instances import SharedInstances, mean_over_poses, turns_to_rest
 from aoprecalc.visibility.integrand import sampling_error
-from aoprecalc.visibility.interleaving import GROUPS, MEAN_OFFSET, group_of_texels, share_sums
+from aoprecalc.visibility.interleaving import GROUPS, MEAN_OFFSET, group_of_texels, share_sums, smooth_change
 from aoprecalc.visibility.plan import FIT_CHUNK, chunks
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 
@@ -213,7 +213,7 @@ class _Gathering:
         groups = group_of_texels(texels)
         faces, own, normals = self._sum_own(groups)
         self._used = [sum(map(setup.directions_of, range(half, GROUPS, 2))) for half in range(2)]
-        smooth = share_sums(texels, groups, own, normals, self._halves)
+        smooth = share_sums(texels, groups, own, normals, self._halves, smooth_change(2 * len(setup.axes)))
         own = own[~smooth]
         del normals  # these are large: not one is kept for longer than it is needed
         self._fit_shared(smooth, faces)

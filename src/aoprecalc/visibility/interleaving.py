@@ -10,12 +10,14 @@ smooth.
 "Non-interleaved Deferred Shading of Interleaved Sample Patterns", 2006.)
 """
 
+import math
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from aoprecalc.options.bake import AUTO_DIRECTIONS
 from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
 from aoprecalc.visibility.directions import texel_offset
 
@@ -25,9 +27,9 @@ GROUPS = PERIOD**2  # of axes
 _RIGHT, _DOWN = np.mean([texel_offset(group) for group in range(GROUPS)], axis=0).tolist()
 MEAN_OFFSET: tuple[float, float] = _RIGHT, _DOWN
 
-# RMS change of d over a period up to which visibility is smooth. On four meshes the texture then has the error of 1000
-# directions at all texels, from 4% less to 5% more, at 0.16 to 0.31 of the rays. Up to 0.015 it has 0 to 4% less, at
-# 0.23 to 0.42 of the rays.
+# RMS change of d over a period up to which visibility is smooth, with AUTO_DIRECTIONS. On four meshes the texture then
+# has the error of 1000 directions at all texels, from 4% less to 5% more, at 0.16 to 0.31 of the rays. Up to 0.015 it
+# has 0 to 4% less, at 0.23 to 0.42 of the rays.
 _MAX_CHANGE = 0.02
 _WINDOW = 5  # texels along both sides, over which that RMS is taken
 _MIN_COSINE = 0.9  # of the normals of texels that share: creases bend more
@@ -42,8 +44,21 @@ def group_of_texels(texels: Texels) -> NDArray[np.int8]:
     return np.asarray(row % PERIOD * PERIOD + column % PERIOD, np.int8)
 
 
+def smooth_change(directions: int) -> float:
+    """Return the RMS change of d over a period up to which visibility is smooth: in proportion to the sampling error.
+
+    directions   all that there are; their error falls as N^-3/4
+    """
+    return _MAX_CHANGE * math.pow(AUTO_DIRECTIONS / directions, 0.75)
+
+
 def share_sums(
-    texels: Texels, groups: NDArray[np.int8], own: Float32Array, normals: NDArray[np.floating], halves: Float32Array
+    texels: Texels,
+    groups: NDArray[np.int8],
+    own: Float32Array,
+    normals: NDArray[np.floating],
+    halves: Float32Array,
+    max_change: float = _MAX_CHANGE,
 ) -> BoolArray:
     """Store the sums over 3 x 3 texels where visibility is smooth; return where, (k,) bool.
 
@@ -51,6 +66,7 @@ def share_sums(
     own       (k, columns): the visibility sums of each texel's group
     normals   (k, 3): the shading normals of the samples, unit vectors
     halves    (2, k, columns): receives those of even and of odd groups
+    max_change   see `smooth_change`
     """
     smooth: BoolArray = np.zeros(len(texels), bool)
     if not len(texels):
@@ -68,7 +84,7 @@ def share_sums(
         shares = _shares_normals(_images(normals, band))
         shares &= _over_window((sums[1] > 0).astype(np.float32), PERIOD) == GROUPS
         change, pairs = _change_over_period(_mean(around.sum(axis=0)) - _mean(sums), shares)
-        shares &= (pairs > 0) & (change <= _MAX_CHANGE**2 * pairs)
+        shares &= (pairs > 0) & (change <= max_change**2 * pairs)
         inner = slice(top - start, stop - start)
         rows = band[inner][shares[inner]]
         smooth[rows] = True

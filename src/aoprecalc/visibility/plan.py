@@ -68,7 +68,7 @@ def _auto_shadow_size(setup: BakeSetup) -> int:
     inputs, texels = setup.inputs, len(setup.texels)
     detailed = detail_of(inputs.scene) is not None
     return max(
-        auto_shadow_size(posed, inputs.atlas, texels, inputs.options.direction_count, side.scene if detailed else None)
+        auto_shadow_size(posed, inputs.atlas, texels, setup.directions.count, side.scene if detailed else None)
         for side in setup.sides
         for posed, _ in in_poses(setup.textured(side), inputs.normals)
     )

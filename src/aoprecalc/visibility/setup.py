@@ -3,6 +3,7 @@
 An axis is a pair of opposite light directions, given by one unit vector.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -15,8 +16,9 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
-from aoprecalc.visibility.directions import axis_groups, light_axes, texel_offset
+from aoprecalc.visibility.directions import GROUP_SIZE, DirectionPlan, axis_groups, light_axes, texel_offset
 from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.interleaving import GROUPS
 from aoprecalc.visibility.projection import Projection
 
 
@@ -28,12 +30,14 @@ class BakeInputs:
     atlas     the UVs of the texture
     normals   (f, 3, 3) float32: the shading normals at the corners
     options   of the bake
+    directions   None: those that the options ask for
     """
 
     scene: Scene
     atlas: Atlas
     normals: Float32Array
     options: BakeOptions
+    directions: DirectionPlan | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +64,11 @@ class SurfaceSide:
 class BakeSetup:
     """The inputs of a bake, ready to run on a backend.
 
-    axes     (a, 3) float64 unit vectors
-    integrand   what each direction counts for
-    groups   slices of the axes, in the order in which their sums are added
+    directions   how many there are
     interleaved   neighbouring texels take different groups, see `interleaving`
+    axes     (a, 3) float64 unit vectors
+    groups   slices of the axes, in the order in which their sums are added
+    integrand   what each direction counts for
     texels   all that the surface covers
     sides    the front, and the back where some faces are two-sided, in each pass: see `baked_apart`
     """
@@ -75,11 +80,14 @@ class BakeSetup:
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
         detail = detail_of(scene)
         self._projection = None if detail is None else Projection(scene, detail, options.threads)
-        self.axes: Float64Array = light_axes(options.direction_count, options.sampling, options.seed)
+        self.directions = inputs.directions or DirectionPlan.from_options(options)
+        self.interleaved = self.directions.interleaved and backend.kind == "ray"
+        count = self.directions.count
+        size = math.ceil((count + 1) // 2 / GROUPS) if self.interleaved else GROUP_SIZE
+        self.axes: Float64Array = light_axes(count, options.sampling, options.seed, size)
+        self.groups = axis_groups(len(self.axes), size)
         integrand = replace(Integrand.from_options(options, scene), vectors=options.bent_normals)
         self.integrand = integrand.for_directions(np.concatenate([self.axes, -self.axes]))
-        self.groups = axis_groups(len(self.axes))
-        self.interleaved = options.interleaves and backend.kind == "ray"
         self.texels = self._rasterizer.coverage()
         passes = baked_apart(scene if detail is None else detail.scene)
         self.sides = [side for baked in passes for side in self._sides(baked, whole=len(passes) == 1)]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aoprecalc.errors import InputError, counted, one_or_many
-from aoprecalc.io.baked_options import EXTRAS, options_document
+from aoprecalc.io.baked_options import EXTRAS
 from aoprecalc.io.formats.base import PartOcclusion
 from aoprecalc.io.formats.builder import check_indices
 from aoprecalc.io.formats.gltf.document import GltfDocument, Json, float_values
@@ -23,7 +23,6 @@ from aoprecalc.io.formats.gltf.materials import (
 )
 from aoprecalc.io.formats.gltf.reader import part_primitive
 from aoprecalc.io.images import png_bytes
-from aoprecalc.options import ValueOptions
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import bilinear_taps
 from aoprecalc.types import Atlas, Float32Array, Float64Array, Part, Wrap
@@ -130,13 +129,13 @@ def assign_textures(
             material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] = textures[index]
 
 
-def occlusion_extras(document: Json, materials: Collection[int], options: ValueOptions | None) -> dict[int, Any]:
-    """Return index of a material -> the `extras` of its new occlusionTexture: those of the old one, and the options.
+def occlusion_extras(document: Json, materials: Collection[int], said: Json | None) -> dict[int, Any]:
+    """Return index of a material -> the `extras` of its new occlusionTexture: those of the old one, and what is said.
 
-    options   those that define the value; None for none
-    Extras may be of any type; those that are no object are kept without the options.
+    said   of the bake, see `options_document`; None for nothing
+    Extras may be of any type; those that are no object are kept as they are.
     """
-    own = {} if (said := options_document(options)) is None else {EXTRAS: said}
+    own = {} if said is None else {EXTRAS: said}
     found: dict[int, Any] = {}
     for index in materials:
         before = document["materials"][index].get("occlusionTexture", {}).get("extras", {})

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aoprecalc.errors import counted
-from aoprecalc.io.baked_options import bake_text
+from aoprecalc.io.baked_options import bake_text, options_document
 from aoprecalc.io.formats.archives import inner_path
 from aoprecalc.io.formats.base import (
     MeshWithAo,
@@ -192,7 +192,8 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     messages += notes
     if isinstance(scene.document, GltfDocument):
         messages += _numbers_told(scene.document.json, document)
-    text, packed, shown = bake_text(mesh.options, len(scene.faces)), dict[int, OrmImage](), dict[int, BakedSlot]()
+    text = bake_text(mesh.options, len(scene.faces), mesh.certificate)
+    packed, shown = dict[int, OrmImage](), dict[int, BakedSlot]()
     users = [[one for one, slot in materials.items() if slot.texture == index] for index in range(len(mesh.textures))]
     if mesh.pack == "orm":
         so_far = GltfDocument(source, document, (buffer.data,))
@@ -203,7 +204,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
             packed |= packed_with_it
             messages += notes
 
-    extras = occlusion_extras(document, materials, mesh.options)
+    extras = occlusion_extras(document, materials, options_document(mesh.options, mesh.certificate))
     replaced = (*replaced_references(document, materials, packed), *earlier_references(document, list(materials)))
     release_references(document, buffer, replaced)
     if is_new:

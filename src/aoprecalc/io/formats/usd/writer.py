@@ -121,7 +121,7 @@ def _edit(mesh: MeshWithAo, texture: str, suffix: str, moved: dict[str, str]) ->
     uvs = None if atlas.uv_set is not None else mesh.uvs.astype(np.float32)
     meshes, cut = _mesh_edits(scene, uvs, mesh.normals, atlas.mapped)
     uses = tuple(_material_use(part, atlas.uv_set) for part in scene.parts)
-    baked = BakedTexture(texture, atlas.repeats, bake_text(mesh.options, len(scene.faces)))
+    baked = BakedTexture(texture, atlas.repeats, bake_text(mesh.options, len(scene.faces), mesh.certificate))
     size = scene.path.stat().st_size + sum(edit.corners.nbytes for edit in meshes)
     with TemporaryDirectory() as folder:
         edits = StageEdits(meshes, uses, baked, Path(folder) / f"layer{suffix}", moved)
@@ -211,7 +211,9 @@ def _write_package(
     notes: tuple[Note, ...] = ()
     picture = outputs.written(texture).read_bytes()
     if texture.suffix.lower() not in _IN_PACKAGES:
-        picture = png_bytes(read_image(outputs.written(texture)), bake_text(mesh.options, len(mesh.scene.faces)))
+        picture = png_bytes(
+            read_image(outputs.written(texture)), bake_text(mesh.options, len(mesh.scene.faces), mesh.certificate)
+        )
         notes = (Note(f"{path}: a package allows no {texture.suffix} images; it gets a copy as 8-bit PNG"),)
         texture = texture.with_suffix(".png")
     with ZipFile(mesh.scene.path) as package:
