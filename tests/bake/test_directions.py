@@ -31,6 +31,15 @@ def test_every_group_is_even(count):
     assert unevenness(swept[:GROUP_SIZE]) > 0.1
 
 
+@pytest.mark.parametrize(("group_size", "bound"), [(8, 0.2), (16, 0.08), (32, 0.05), (128, 0.01), (512, 0.01)])
+def test_groups_of_other_sizes_are_even_too(group_size, bound):
+    found = light_axes(18 * group_size, group_size=group_size)
+    groups = axis_groups(len(found), group_size)
+    assert [group.stop - group.start for group in groups] == [group_size] * 9
+    assert max(unevenness(found[group]) for group in groups) < bound
+    assert unevenness(found[np.argsort(found[:, 2])][:group_size]) > bound
+
+
 def test_groups_cover_all_axes_in_order():
     assert [axis for group in axis_groups(150) for axis in range(group.start, group.stop)] == list(range(150))
 

@@ -6,7 +6,7 @@ import pytest
 
 from aoprecalc.errors import InputError, OutputError, UsageError
 from aoprecalc.io import choose_bit_depth, read_image, write_image
-from aoprecalc.io.images import BIT_DEPTHS, quantize
+from aoprecalc.io.images import BIT_DEPTHS, quantize, stored
 
 RAMP = np.linspace(-0.2, 1.2, 600, dtype=np.float32).reshape(20, 30)
 ALL = [(suffix, depth) for suffix, depths in BIT_DEPTHS.items() for depth in depths]
@@ -19,6 +19,8 @@ def test_what_is_written_is_read_back(tmp_path, suffix, depth):
     write_image(path, RAMP, depth)
     expected = quantize(RAMP, depth) / np.float64(LEVELS.get(depth, 1))
     assert read_image(path) == pytest.approx(expected, abs=1.5 / 255 if "jp" in suffix else 1e-7)
+    if "jp" not in suffix:
+        assert stored(RAMP, depth) == pytest.approx(read_image(path), abs=1e-7)
 
 
 @pytest.mark.parametrize(("suffix", "depth"), ALL)

@@ -38,6 +38,7 @@ NUMBERS = {
     "cone": 120,
     "ground_height": -2.5,
     "strength": 0.5,
+    "max_error": 0.01,
     "target_error": 0.01,
     "tolerance": 0.05,
     "unwrap_timeout": 2.5,

@@ -165,7 +165,7 @@ OTHER = {
         "estimator": "mean", "shadow_size": 64, "backend": "ray", "unwrap": "xatlas", "padding": 2, "fill": "none",
         "bit_depth": "16", "normals": "flat", "crease_angle": 30.0, "target_error": 0.1, "instances": "share",
         "pack": "orm", "max_distance": 2.5, "cone": 90.0, "weight": "uniform", "texel_density": 9.0, "strength": 0.5,
-        "invert": True, "vertex_ao": "color", "backfaces": "ignore", "occluder": ("wall.obj",),
+        "max_error": 0.1, "invert": True, "vertex_ao": "color", "backfaces": "ignore", "occluder": ("wall.obj",),
         "bent_normals": True, "bent_space": "world", "green": "down",
         "self_occlusion": "part",
         "sky": "overcast",

@@ -165,7 +165,7 @@ class BakePlan:
             written.append(path if self.texture is None else outputs.path(path))
             self._write_picture(written[-1], one.baked, self.options.bit_depth, inverted=self.options.invert)
             upright = self._write_upright(outputs, mesh, one, scratch) if self.options.invert else path
-            shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces))
+            shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces, certificate=one.baked.certificate))
         bent = self._write_directional(outputs, bake, mesh, "bent normals", scratch)
         harmonics = self._write_directional(outputs, bake, mesh, "spherical harmonics", scratch)
         directional = zip(*(made.shown for made in (bent, harmonics) if made.shown), strict=True)
@@ -183,7 +183,6 @@ class BakePlan:
                 baked.normals,
                 pack=self.options.pack,
                 options=baked.options,
-                certificate=baked.certificate,
                 strength=self.options.strength,
                 vertices=vertices,
                 tangents=tangents,

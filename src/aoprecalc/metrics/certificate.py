@@ -31,7 +31,7 @@ RAYS = 64  # from a point, for each of the two estimates
 _STAKES = (0.95, 0.4, 0.15)  # among which the capital is divided; small ones are for errors that are rare and large
 _MOST_POINTS = 24.0  # / E^2; they suffice where the error is at most about 0.89 E
 _FIRST_BATCHES = 2  # that tell whether they will
-_DOUBT = 1.05  # factor by which these may measure more
+_DOUBT = 2.0  # standard errors by which the mean may be greater than what suffices
 _DECIMALS = 1e6  # to which errors are rounded, and bounds are rounded up
 _STEP = 1.005  # of the squared bounds that are tried
 
@@ -61,7 +61,7 @@ def certify(
         points = sum(map(len, found))
         mean = sum(float(batch.sum()) for batch in found) / points
         holds = _log_capital(logs) >= wanted
-        if holds or points >= most or (len(found) >= _FIRST_BATCHES and mean > _DOUBT * hopeful):
+        if holds or points >= most or (len(found) >= _FIRST_BATCHES and _surely_above(hopeful, np.concatenate(found))):
             break
         found.append(products(len(found)))
     squared = _bound(np.concatenate(found), target, wanted, holds=holds)
@@ -75,6 +75,10 @@ def certify(
         rays=rays,
         seed=seed,
     )
+
+
+def _surely_above(mean: float, products: Float64Array) -> bool:
+    return float(products.mean() - _DOUBT * products.std() / math.sqrt(len(products))) > mean
 
 
 def _logs(mean: float, products: Float64Array) -> Float64Array:

@@ -29,18 +29,7 @@ from aoprecalc.io.outputs import Outputs
 from aoprecalc.options import Pack, ValueOptions
 from aoprecalc.progress import Note
 from aoprecalc.texture_lookup import linear_from_srgb
-from aoprecalc.types import (
-    Atlas,
-    BaseColor,
-    BoolArray,
-    Certificate,
-    Float32Array,
-    Float64Array,
-    Int64Array,
-    Part,
-    Scene,
-    Wrap,
-)
+from aoprecalc.types import Atlas, BaseColor, BoolArray, Float32Array, Float64Array, Int64Array, Part, Scene, Wrap
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +52,6 @@ class MeshWithAo:
     normals   (f, 3, 3) float32, unit length: the shading normals that were used
     pack      "orm": glTF stores occlusion in one image with roughness and metalness where these use the same UVs
     options   those that define the value, to be written beside it; None for none
-    certificate   of the error of the textures, likewise
     strength  of the occlusion, 0 to 1, where the format has one
     vertices  the values at the vertices; None: they are not to be written
     tangents  (f, 3, 4) float32, in the space of the scene, for parts that have none; None: they are not to be written
@@ -74,7 +62,6 @@ class MeshWithAo:
     normals: Float32Array
     pack: Pack = "none"
     options: ValueOptions | None = None
-    certificate: Certificate | None = None
     strength: float = 1.0
     vertices: VertexOcclusion | None = None
     tangents: Float32Array | None = None

@@ -13,6 +13,7 @@ from aoprecalc.types import (
     REVERSED_WINDING,
     Atlas,
     BoolArray,
+    Certificate,
     Float32Array,
     Float64Array,
     Int64Array,
@@ -53,6 +54,7 @@ class MeshTexture:
     atlas   the UVs of its faces
     faces   (f,) bool: those whose occlusion it holds
     directional   further pictures on the same UVs; none where the format of the mesh cannot refer to them
+    certificate   of its error; None where none was asked for
     """
 
     name: str
@@ -60,6 +62,7 @@ class MeshTexture:
     atlas: Atlas
     faces: BoolArray
     directional: tuple[DirectionalPicture, ...] = ()
+    certificate: Certificate | None = None
 
     def repeats(self, scene: Scene) -> bool:
         """Tell whether some of its UVs, as they are written, lie outside [0, 1], so that the picture repeats."""

@@ -129,17 +129,17 @@ def assign_textures(
             material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] = textures[index]
 
 
-def occlusion_extras(document: Json, materials: Collection[int], said: Json | None) -> dict[int, Any]:
+def occlusion_extras(document: Json, said: Mapping[int, Json | None]) -> dict[int, Any]:
     """Return index of a material -> the `extras` of its new occlusionTexture: those of the old one, and what is said.
 
-    said   of the bake, see `options_document`; None for nothing
+    said   index of a material -> what is said of the bake of its texture, see `options_document`; None for nothing
     Extras may be of any type; those that are no object are kept as they are.
     """
-    own = {} if said is None else {EXTRAS: said}
     found: dict[int, Any] = {}
-    for index in materials:
+    for index, document_of_bake in said.items():
         before = document["materials"][index].get("occlusionTexture", {}).get("extras", {})
         if isinstance(before, dict):
+            own = {} if document_of_bake is None else {EXTRAS: document_of_bake}
             before = {key: value for key, value in before.items() if key != EXTRAS} | own
         if before != {}:
             found[index] = before

@@ -192,19 +192,20 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     messages += notes
     if isinstance(scene.document, GltfDocument):
         messages += _numbers_told(scene.document.json, document)
-    text = bake_text(mesh.options, len(scene.faces), mesh.certificate)
+    texts = [bake_text(mesh.options, len(scene.faces), texture.certificate) for texture in mesh.textures]
     packed, shown = dict[int, OrmImage](), dict[int, BakedSlot]()
     users = [[one for one, slot in materials.items() if slot.texture == index] for index in range(len(mesh.textures))]
     if mesh.pack == "orm":
         so_far = GltfDocument(source, document, (buffer.data,))
-        for texture, users_of_it in zip(mesh.textures, users, strict=True):
+        for texture, users_of_it, text in zip(mesh.textures, users, texts, strict=True):
             of_it = {index: materials[index].texcoord for index in users_of_it}
             image = read_image(outputs.written(texture.path))
             packed_with_it, notes = pack_orm(so_far, of_it, texture.atlas, image, text)
             packed |= packed_with_it
             messages += notes
 
-    extras = occlusion_extras(document, materials, options_document(mesh.options, mesh.certificate))
+    said = [options_document(mesh.options, texture.certificate) for texture in mesh.textures]
+    extras = occlusion_extras(document, {index: said[slot.texture] for index, slot in materials.items()})
     replaced = (*replaced_references(document, materials, packed), *earlier_references(document, list(materials)))
     release_references(document, buffer, replaced)
     if is_new:
@@ -219,7 +220,7 @@ def write_gltf(outputs: Outputs, path: Path, mesh: MeshWithAo) -> WrittenMesh:
     else:
         messages += carry_images(outputs, path, document, buffer, source)
     textures = dict[int, int]()
-    for texture, users_of_it in zip(mesh.textures, users, strict=True):
+    for texture, users_of_it, text in zip(mesh.textures, users, texts, strict=True):
         images = {index: packed[index] for index in users_of_it if index in packed}
         textures |= add_orm_textures(outputs, path, document, buffer, texture.path, images)
         if len(images) < len(users_of_it):

@@ -121,7 +121,7 @@ def _edit(mesh: MeshWithAo, texture: str, suffix: str, moved: dict[str, str]) ->
     uvs = None if atlas.uv_set is not None else mesh.uvs.astype(np.float32)
     meshes, cut = _mesh_edits(scene, uvs, mesh.normals, atlas.mapped)
     uses = tuple(_material_use(part, atlas.uv_set) for part in scene.parts)
-    baked = BakedTexture(texture, atlas.repeats, bake_text(mesh.options, len(scene.faces), mesh.certificate))
+    baked = BakedTexture(texture, atlas.repeats, _text(mesh))
     size = scene.path.stat().st_size + sum(edit.corners.nbytes for edit in meshes)
     with TemporaryDirectory() as folder:
         edits = StageEdits(meshes, uses, baked, Path(folder) / f"layer{suffix}", moved)
@@ -201,6 +201,11 @@ def _shared_prims(scene: Scene) -> set[str]:
     return shared
 
 
+def _text(mesh: MeshWithAo) -> str:
+    """Return what the stage and its picture say of the bake."""
+    return bake_text(mesh.options, len(mesh.scene.faces), mesh.textures[0].certificate)
+
+
 # Packages.
 
 
@@ -212,7 +217,8 @@ def _write_package(
     picture = outputs.written(texture).read_bytes()
     if texture.suffix.lower() not in _IN_PACKAGES:
         picture = png_bytes(
-            read_image(outputs.written(texture)), bake_text(mesh.options, len(mesh.scene.faces), mesh.certificate)
+            read_image(outputs.written(texture)),
+            _text(mesh),
         )
         notes = (Note(f"{path}: a package allows no {texture.suffix} images; it gets a copy as 8-bit PNG"),)
         texture = texture.with_suffix(".png")
