@@ -462,3 +462,19 @@ def test_every_command_finds_the_occlusion(stage, tmp_path, command, suffix):
     assert command("compare", target, target).returncode == 0
     assert command("preview", target, "-o", tmp_path / "x.png", "--size", "64x64").returncode == 0
     assert command("report", out, "-o", tmp_path / "x.html").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("tiles", "options", "names"), [(1, ["--textures", "material"], ["wood", "steel"]), (2, [], ["1001", "1002"])]
+)
+def test_several_textures_make_a_glb_and_are_told(stage, tmp_path, command, tiles, options, names):
+    """Two squares of two materials, or on two UDIM tiles."""
+    for number, name in enumerate(("wood", "steel")):
+        square = add_mesh(stage, f"/{name}", [(x + 3 * number, y, z) for x, y, z in QUAD], [[0, 1, 2, 3]])
+        add_uvs(square, "st", [(0.8 * u + 0.1 + number * (tiles - 1), 0.8 * v + 0.1) for u, v in SQUARE])
+        bind(square, add_material(stage, f"/looks/{name}"))
+    done = command("bake", saved(stage), "--size", 32, "-n", 64, "-o", f"{tmp_path}/out/", *options)
+    assert done.returncode == 0, done.stderr
+    assert "USD is written with one texture, so the mesh becomes a GLB with all" in done.stderr
+    pictures = sorted(f"a_ao.{name}.png" for name in names)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(["a_ao.glb", *pictures])
