@@ -191,6 +191,7 @@ def _measure(
     passes = plan.passes + len(setup.sides) * setup.interleaved  # the first is of one group at each texel
     with timer.stage("visibility", passes * directions, f"directions{again}"):
         sides = tuple(_gather_side(setup, side, plan, make_visibility, progress) for side in setup.sides)
+    setup.backend.free_unused()
     dark, missed = dark_texels(setup, sides), missed_texels(setup, sides)
     shadow_size = plan.shadow_size if setup.backend.kind == "gl" else None
     on_maps = [] if shadow_size is None else warnings_on_maps(setup, sides, shadow_size)

@@ -81,6 +81,10 @@ class Backend(Protocol):
         """
         ...
 
+    def free_unused(self) -> None:
+        """Free what rasterizers and testers that are there no more have allocated."""
+        ...
+
     def check_errors(self) -> None:
         """Raise RendererError if anything went wrong since the backend was opened."""
         ...
@@ -141,6 +145,7 @@ class GLBackend:
         """Return a GLRasterizer."""
         from aoprecalc.raster.gl_rasterizer import GLRasterizer  # needs moderngl, as below
 
+        self.free_unused()
         return GLRasterizer(self._renderer.context, layout)
 
     def tester(
@@ -151,7 +156,7 @@ class GLBackend:
             return GroupTester(self, surface, integrand, shadow_size, texels)
         from aoprecalc.visibility.depth_maps import DepthMapTester
 
-        self._renderer.context.gc()  # frees what an earlier tester has allocated
+        self.free_unused()
         return DepthMapTester(self._renderer, surface, integrand, max_samples, shadow_size)
 
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
@@ -159,6 +164,10 @@ class GLBackend:
         from aoprecalc.visibility.depth_maps import read_depths
 
         return read_depths(self._renderer.context, occluders, projection, size)
+
+    def free_unused(self) -> None:
+        """Free objects of OpenGL, which outlive those of Python."""
+        self._renderer.context.gc()
 
     def check_errors(self) -> None:
         """Raise RendererError where OpenGL reports an error."""
@@ -197,6 +206,9 @@ class RayBackend:
     def depths(self, occluders: Float32Array, projection: Projections, size: int) -> Float32Array:
         """Cast rays from both ends of the axis."""
         return cast_depths(occluders, projection, size, self._threads)
+
+    def free_unused(self) -> None:
+        """Do nothing: all is Python's."""
 
     def check_errors(self) -> None:
         """Do nothing: rays raise their errors at once."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from aoprecalc.errors import ArgumentError, format_bytes
 from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.roles import in_poses
+from aoprecalc.raster.layout import BAND_TEXELS
 from aoprecalc.system import resident_memory
 from aoprecalc.visibility.directions import auto_shadow_size
 from aoprecalc.visibility.setup import BakeSetup
@@ -16,15 +17,17 @@ FIT_CHUNK = 1 << 20  # texels added to the least-squares image at a time, at any
 _MAX_FIT_CHUNKS = 8
 
 # Memory that a bake takes beyond what is resident before it; measured, rounded up. In bytes:
-_PER_TEXTURE_TEXEL = 36  # the planes of the least-squares image, and those of one offset
+_PER_TEXTURE_TEXEL = 24  # the planes of the least-squares image
+_PER_WAITING_TEXEL = 16  # samples at one offset, in at most _WAITING texels, and room for more
 _PER_COVERED_TEXEL = 24  # its index, and the sums of both halves
 _PER_CHUNK_TEXEL = 60  # its sample, its receiver, its sums
-_PER_TEXTURE_TEXEL_SOLVING = 76  # while the least-squares image is solved and no visibility is computed
+_PER_TEXTURE_TEXEL_SOLVING = 58  # while the least-squares image is solved and no visibility is computed
 _PER_CHUNK_TEXEL_SOLVING = 16  # freed memory that the allocator keeps during the solve
 # More where visibility vectors are gathered too: three values for each one.
-_VECTORS = {"texture": 24, "covered": 24, "chunk": 40, "solving": 48}
-# More where neighbouring texels take different directions: their groups, sums, normals, faces, and rows of requests.
-_INTERLEAVED = {"covered": 32, "vectors": 12}
+_VECTORS = {"texture": 12, "waiting": 24, "covered": 24, "chunk": 40, "solving": 48}
+# More where neighbouring texels take different directions: their groups and sums, and their faces or rows of requests.
+_INTERLEAVED = {"covered": 16, "vectors": 12}
+_WAITING = 3 * BAND_TEXELS
 _PER_MAP_TEXEL = 8  # the near and the far depth along an axis
 _PER_TRIANGLE = 400  # while occluders are sorted and uploaded
 _MAPS = 1 << 26  # a batch of depth maps, unless a single axis takes more
@@ -106,12 +109,14 @@ def texels_per_chunk(
 
     def needed(chunk: int) -> int:
         gathering = texture_texels * _PER_TEXTURE_TEXEL + covered_texels * _PER_COVERED_TEXEL + chunk * _PER_CHUNK_TEXEL
+        waiting = min(texture_texels, _WAITING)
+        gathering += waiting * _PER_WAITING_TEXEL
         solving = texture_texels * _PER_TEXTURE_TEXEL_SOLVING + chunk * _PER_CHUNK_TEXEL_SOLVING
         if interleaved:
             gathering += covered_texels * (_INTERLEAVED["covered"] + vectors * _INTERLEAVED["vectors"])
         if vectors:
             gathering += texture_texels * _VECTORS["texture"] + covered_texels * _VECTORS["covered"]
-            gathering += chunk * _VECTORS["chunk"]
+            gathering += chunk * _VECTORS["chunk"] + waiting * _VECTORS["waiting"]
             solving += texture_texels * _VECTORS["solving"]
         return present + max(gathering, solving)
 
