@@ -10,6 +10,7 @@ import itertools
 import json
 import math
 import re
+import statistics
 from pathlib import Path
 
 Row = dict[str, object]
@@ -171,14 +172,25 @@ def distance_table(rows: list[Row]) -> list[str]:
 
 
 def growth_table(rows: list[Row]) -> list[str]:
-    """Lay out time and memory of bakes of growing size."""
+    """Lay out time and memory of bakes of growing size, each kind with the slopes of both."""
     lines = table("growing", "triangles", "texels", "directions", "seconds", "memory")
-    for row in rows:
+    for what in dict.fromkeys(row["what"] for row in rows):
+        kind = [row for row in rows if row["what"] == what]
+        for row in kind:
+            lines.append(
+                f"| {what} | {row['triangles']:,} | {row['size']}² | {row['directions']:,} | "
+                f"{row['seconds']:.1f} | {row['megabytes']:,.0f} MB |"
+            )
         lines.append(
-            f"| {row['what']} | {row['triangles']:,} | {row['size']}² | {row['directions']:,} | "
-            f"{row['seconds']:.1f} | {row['megabytes']:,.0f} MB |"
+            f"| {what}, slope | | | | {slope(kind, what, 'seconds'):.2f} | {slope(kind, what, 'megabytes'):.2f} |"
         )
     return lines
+
+
+def slope(rows: list[Row], of: str, value: str) -> float:
+    """Return the exponent that a value grows with: the slope of the line fitted to both logarithms."""
+    x, y = ([math.log(row[key]) for row in rows] for key in (of, value))
+    return statistics.linear_regression(x, y).slope
 
 
 def batch_table(found: dict[str, object]) -> list[str]:
