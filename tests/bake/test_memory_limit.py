@@ -7,9 +7,13 @@ import sys
 import pytest
 import trimesh
 
+from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import UsageError
+from aoprecalc.options import BakeOptions
 from aoprecalc.visibility import plan
+from aoprecalc.visibility.directions import MIN_SHADOW_SIZE
 from aoprecalc.visibility.plan import FIT_CHUNK, chunks, texels_per_chunk
+from shapes import quad, scene
 
 MEGABYTE = 1 << 20
 
@@ -39,6 +43,17 @@ def test_the_advice_is_what_helps_and_the_limit_is_as_it_was_given(monkeypatch):
         texels_per_chunk(200 * MEGABYTE, "64 x 64", 1 << 12, 1 << 12, 512, 1000)
     with pytest.raises(UsageError, match=r"is 1G; .* need \d+M; use a higher limit or a smaller size$"):
         texels_per_chunk(1024 * MEGABYTE, "4096 x 4096", 1 << 24, 1 << 24, 512, 1000)
+
+
+@pytest.mark.parametrize("backend", ["ray", "gl"])
+def test_the_side_of_maps_is_looked_for_where_there_are_maps_only(backend, monkeypatch):
+    found = []
+    monkeypatch.setattr(plan, "_auto_shadow_size", lambda setup: found.append(setup) or MIN_SHADOW_SIZE)
+    made = bake_scene(
+        scene(*quad((0, 0, 0), (1, 0, 0), (0, 1, 0))), BakeOptions(size=16, directions=2, backend=backend)
+    )
+    assert made.backend == backend
+    assert len(found) == (backend == "gl")
 
 
 def test_parts_cover_everything_once():

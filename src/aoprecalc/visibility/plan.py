@@ -7,7 +7,7 @@ from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.roles import in_poses
 from aoprecalc.raster.layout import BAND_TEXELS
 from aoprecalc.system import resident_memory
-from aoprecalc.visibility.directions import auto_shadow_size
+from aoprecalc.visibility.directions import MIN_SHADOW_SIZE, auto_shadow_size
 from aoprecalc.visibility.setup import BakeSetup
 
 FIT_CHUNK = 1 << 20  # texels added to the least-squares image at a time, at any chunk size: no sum depends on that
@@ -39,7 +39,7 @@ _VARIATION = 16  # megabytes by which the resident memory differs from one run t
 class GatherPlan:
     """How the visibility of a bake is gathered.
 
-    shadow_size   side of the depth maps, in texels
+    shadow_size   side of the depth maps, in texels; of no meaning without maps
     chunk_size    texels of a side that are processed at a time, at most
     passes        the chunks of all sides: how many times all directions are gone through, in each pose
     """
@@ -52,7 +52,9 @@ class GatherPlan:
 def plan_gather(setup: BakeSetup) -> GatherPlan:
     """Return what suits the texels of a setup, within its limit of memory; raises what `texels_per_chunk` raises."""
     options, detail = setup.inputs.options, detail_of(setup.inputs.scene)
-    shadow_size = options.shadow_size or _auto_shadow_size(setup)
+    # Rays need no maps; to find the side that suits takes two kilobytes for each vertex of the convex hull.
+    by_rays = setup.backend.kind == "ray"
+    shadow_size = options.shadow_size or (MIN_SHADOW_SIZE if by_rays else _auto_shadow_size(setup))
     chunk_size = texels_per_chunk(
         options.memory_limit,
         f"{options.width} x {options.height}",
