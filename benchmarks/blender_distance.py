@@ -33,7 +33,8 @@ import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.io import load_scene, read_image
 from aoprecalc.mesh.surface import sample_surface
-from aoprecalc.metrics.errors import RayCount, error_statistics, reference_ao
+from aoprecalc.metrics.errors import error_statistics
+from aoprecalc.metrics.reference import RayCount, reference_ao
 from aoprecalc.options import ValueOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear

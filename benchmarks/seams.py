@@ -15,7 +15,8 @@ import numpy as np
 from aoprecalc.io import find_occlusion, load_scene
 from aoprecalc.mesh.surface import SurfacePoints, face_normals, sample_surface, shading_normals
 from aoprecalc.mesh.topology import face_components
-from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level, reference_ao
+from aoprecalc.metrics.errors import error_statistics, errors_per_mip_level
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer

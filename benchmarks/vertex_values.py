@@ -20,7 +20,7 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.vertex_ao import interpolation_error
 from aoprecalc.mesh.surface import SurfacePoints, sample_surface
 from aoprecalc.mesh.vertex_values import vertex_groups
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.types import Baked

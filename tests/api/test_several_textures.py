@@ -17,7 +17,7 @@ from aoprecalc.errors import ArgumentError
 from aoprecalc.io import load_scene
 from aoprecalc.io.occlusion import every_occlusion, mesh_beside
 from aoprecalc.mesh.surface import face_normals, sample_surface
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import TextureStack, bilinear

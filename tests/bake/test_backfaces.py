@@ -9,7 +9,7 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import SurfacePoints, area_vectors, shading_normals
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.types import Material

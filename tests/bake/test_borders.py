@@ -9,7 +9,7 @@ from aoprecalc.api import bake_scene as baking
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.surface import sample_surface
 from aoprecalc.mesh.topology import boundary_edges
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import corner_ids

@@ -10,7 +10,7 @@ from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.errors import ArgumentError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import SurfacePoints
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.visibility.integrand import Integrand

@@ -9,7 +9,7 @@ import pytest
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import sample_surface
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear

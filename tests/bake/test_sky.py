@@ -13,7 +13,7 @@ from aoprecalc.api.surroundings import with_surroundings
 from aoprecalc.errors import ArgumentError, InputError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import SurfacePoints
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.visibility.directions import light_axes

@@ -9,7 +9,7 @@ import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.mesh.surface import SurfacePoints
 from aoprecalc.mesh.vertex_values import vertex_groups
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from shapes import ball, box, clutter, quad, scene, scene_of_parts

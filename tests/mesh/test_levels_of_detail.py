@@ -11,7 +11,7 @@ from aoprecalc.api.textured_surface import mesh_to_draw
 from aoprecalc.io import load_scene
 from aoprecalc.mesh.roles import assign_roles, at_level, finest_level
 from aoprecalc.mesh.surface import sample_surface, shading_normals
-from aoprecalc.metrics.errors import reference_ao
+from aoprecalc.metrics.reference import reference_ao
 from aoprecalc.options import BakeOptions, LightOptions, SphereOptions, VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.spheres import fit_sphere_set

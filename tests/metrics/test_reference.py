@@ -8,7 +8,7 @@ import pytest
 from aoprecalc.errors import RendererError
 from aoprecalc.mesh.roles import assign_roles
 from aoprecalc.mesh.surface import SurfacePoints, sample_surface, shading_normals
-from aoprecalc.metrics.errors import reference_ao, stratified_ray_count
+from aoprecalc.metrics.reference import reference_ao, stratified_ray_count
 from aoprecalc.options import VerifyOptions
 from aoprecalc.progress import Progress
 from aoprecalc.visibility.integrand import Integrand

@@ -28,14 +28,8 @@ from aoprecalc.io.occlusion import mesh_beside
 from aoprecalc.io.outputs import claim_output, output_path, write_json
 from aoprecalc.mesh.roles import surrounding_part
 from aoprecalc.mesh.surface import area_vectors, sample_surface
-from aoprecalc.metrics.errors import (
-    MeasuredSurface,
-    TextureErrors,
-    errors_per_mip_level,
-    reference_ao,
-    stratified_ray_count,
-    worst_points,
-)
+from aoprecalc.metrics.errors import TextureErrors, errors_per_mip_level, worst_points
+from aoprecalc.metrics.reference import MeasuredSurface, reference_ao, stratified_ray_count
 from aoprecalc.options import ValueOptions, VerifyOptions
 from aoprecalc.options.fields import option_files
 from aoprecalc.progress import Note, Progress, StageTimer, tell

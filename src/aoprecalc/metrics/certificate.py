@@ -19,7 +19,7 @@ import numpy as np
 
 from aoprecalc.errors import InputError
 from aoprecalc.mesh.surface import sample_surface
-from aoprecalc.metrics.errors import MeasuredSurface, RayCount, reference_ao
+from aoprecalc.metrics.reference import MeasuredSurface, RayReference
 from aoprecalc.progress import Progress
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Atlas, Certificate, Float32Array, Float64Array, Scene
@@ -133,8 +133,8 @@ class RenderedErrors:
         seed       of the points and rays: those of two seeds are independent
         """
         self._surface = MeasuredSurface(scene, normals, threads)
-        self._scene, self._atlas, self._texture, self._integrand = scene, atlas, texture, integrand
-        self._seed, self._threads = seed, threads
+        self._reference = RayReference(self._surface.scene, self._surface.normals, integrand, threads)
+        self._scene, self._atlas, self._texture, self._seed = scene, atlas, texture, seed
 
     def __call__(self, batch: int) -> Float64Array:
         """Return Z at the points of a batch that are on the measured surface; raises InputError where none are."""
@@ -147,15 +147,5 @@ class RenderedErrors:
             )
         uvs = drawn.select(hit).interpolate(self._atlas.uvs)
         values = bilinear(self._texture, uvs, repeats=self._atlas.repeats)
-        first, second = (
-            reference_ao(
-                self._surface.scene,
-                self._surface.normals,
-                on_surface,
-                RayCount(RAYS, seed, self._threads),
-                Progress(),
-                self._integrand,
-            )
-            for seed in for_rays
-        )
+        first, second = (self._reference.values(on_surface, RAYS, seed, Progress()) for seed in for_rays)
         return (values - first) * (values - second)

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from aoprecalc.mesh.surface import SurfacePoints, sample_surface
-from aoprecalc.metrics.errors import MeasuredSurface, RayCount, reference_ao
+from aoprecalc.metrics.reference import MeasuredSurface, RayReference
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Layout, area_per_texel, build_layout, clamp_barycentric
 from aoprecalc.raster.padding import pad
@@ -52,19 +52,22 @@ def resolution_error(
     points = sample_surface(scene, atlas.mapped, POINTS, seed=0)
     tiles = _Tiles.around(scene, atlas, points, size, threads)
     products, surface = np.ones(POINTS), MeasuredSurface(scene, normals, threads)
+    reference = RayReference(surface.scene, surface.normals, integrand, threads)
     for half in range(2):
         values, expected = (
-            _measured(surface, of, RayCount(rays, 2 * half + number, threads), integrand)
+            _measured(surface, reference, of, rays, seed=2 * half + number)
             for number, (of, rays) in enumerate(((tiles.samples, _RAYS), (points, _REFERENCE_RAYS)))
         )
         products *= tiles.looked_up(values) - expected
     return math.sqrt(max(float(products.mean()), 0.0) + float(products.std()) / math.sqrt(POINTS))
 
 
-def _measured(surface: MeasuredSurface, points: SurfacePoints, rays: RayCount, integrand: Integrand) -> Float64Array:
+def _measured(
+    surface: MeasuredSurface, reference: RayReference, points: SurfacePoints, rays: int, seed: int
+) -> Float64Array:
     """Return the ambient occlusion at points, (k,); those that are not on the detailed surface have the mean."""
     hit, on_surface = surface.points(points)
-    found = reference_ao(surface.scene, surface.normals, on_surface, rays, Progress(), integrand)
+    found = reference.values(on_surface, rays, seed, Progress())
     values = np.full(len(points), found.mean() if len(found) else 1.0)
     values[hit] = found
     return values
