@@ -7,7 +7,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from aoprecalc.api.bake_textures import BakedTextures, TextureBake
-from aoprecalc.api.certified_bake import check_lossless
+from aoprecalc.api.certified_bake import check_lossless, shows_as_measured
 from aoprecalc.api.directional_files import WrittenPictures, write_pictures
 from aoprecalc.api.reports import AoReference, BakeOutputs
 from aoprecalc.api.textured_surface import verify_words
@@ -165,7 +165,8 @@ class BakePlan:
             written.append(path if self.texture is None else outputs.path(path))
             self._write_picture(written[-1], one.baked, self.options.bit_depth, inverted=self.options.invert)
             upright = self._write_upright(outputs, mesh, one, scratch) if self.options.invert else path
-            shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces, certificate=one.baked.certificate))
+            certificate = one.baked.certificate if shows_as_measured(self.options, upright) else None
+            shown.append(MeshTexture(one.name, upright, one.baked.atlas, one.faces, certificate=certificate))
         bent = self._write_directional(outputs, bake, mesh, "bent normals", scratch)
         harmonics = self._write_directional(outputs, bake, mesh, "spherical harmonics", scratch)
         directional = zip(*(made.shown for made in (bent, harmonics) if made.shown), strict=True)

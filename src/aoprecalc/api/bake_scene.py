@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 from aoprecalc.api.bake_messages import describe_uvs, messages_on
-from aoprecalc.api.certified_bake import Attempt, Certified, certify_texture, until_certain
+from aoprecalc.api.certified_bake import Attempt, Certified, certify_texture, direction_counts, until_certain
 from aoprecalc.api.high_to_low import messages_on_misses, missed_texels, nothing_met
 from aoprecalc.api.prepared_scene import PreparedScene, prepare_bake, value_options
 from aoprecalc.api.texture_size import ChosenTexture, choose_texture, next_size
@@ -16,13 +16,14 @@ from aoprecalc.options import BakeOptions
 from aoprecalc.progress import Progress, StageTimer, notes_of, warnings_of
 from aoprecalc.raster.padding import fill_missed, pad_and_fill
 from aoprecalc.raster.resolve import lighter_of_sides, resolve_texels
-from aoprecalc.types import Baked, Certificate, DarkTexels, Scene, Texels, Texture
+from aoprecalc.types import CONFIDENCE, Baked, Certificate, DarkTexels, Scene, Texels, Texture
 from aoprecalc.visibility.backend import Backend, open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.directions import DirectionPlan
 from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
 from aoprecalc.visibility.map_error import warnings_on_maps
 from aoprecalc.visibility.plan import GatherPlan, plan_gather
+from aoprecalc.visibility.rays import require_embreex
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide
 
 
@@ -49,11 +50,13 @@ def bake_prepared(
     progress: Progress,
     timer: StageTimer,
     make_visibility: VisibilityFactory = LocalVisibility,
+    textures: int = 1,
 ) -> Baked:
     """Bake one texture of a prepared scene on a backend that is open.
 
     timer             receives the seconds of each stage
     make_visibility   makes the source of the visibility sums of one side; by default this process computes them
+    textures          of the same bake, whose certificates are right together
     Raises InputError where the scene cannot be unwrapped as asked or covers no texel, UsageError where the size is
     beyond the renderer or too small for the charts, where the unwrapper is not installed and where no texel faces any
     direction, RendererError where the renderer fails.
@@ -64,12 +67,16 @@ def bake_prepared(
     if options.max_error is None:
         made = run.make(chosen, None)
     else:
-        certified = run.make_certain(chosen, options)
+        require_embreex()
+        doubt = (1 - CONFIDENCE) / textures
+        certified = run.make_certain(chosen, options, options.max_error, doubt)
         while certified.too_coarse and (size := next_size(chosen, backend, prepared.scene, options)) is not None:
-            chosen, attempts = run.choose(replace(options, size=size)), certified.attempts
+            attempts = certified.attempts
             del certified  # before the next one takes memory
-            certified = run.make_certain(chosen, options, attempts)
+            chosen = run.choose(replace(options, size=size))
+            certified = run.make_certain(chosen, options, options.max_error, doubt, attempts)
         made = certified.made
+    uncertain = [] if certified is None else certified.warnings(options)
     measured, options = made.measured, chosen.options
     baked = Baked(
         scene=prepared.scene,
@@ -91,7 +98,6 @@ def bake_prepared(
     if options.vertex_ao != "none":
         with timer.stage("vertices"):
             baked = replace(baked, vertex_ao=fit_to_texture(baked))
-    uncertain = [] if certified is None else certified.warnings(options)
     messages = [*chosen.warnings, *measured.messages, *uncertain, *messages_on(baked, options, measured.overlap)]
     return replace(baked, warnings=warnings_of(messages), notes=notes_of(messages))
 
@@ -130,17 +136,35 @@ class _Run:
             return _MadeTexture(measured, _finish(measured, setup.inputs))
 
     def make_certain(
-        self, chosen: ChosenTexture, options: BakeOptions, before: Sequence[Attempt] = ()
+        self,
+        chosen: ChosenTexture,
+        options: BakeOptions,
+        max_error: float,
+        doubt: float,
+        before: Sequence[Attempt] = (),
     ) -> Certified[_MadeTexture]:
         """Make textures of a size and UVs until the error of one is certain, or cannot be; see `until_certain`."""
 
         def measure(made: _MadeTexture, confidence: float, attempt: int) -> Certificate:
             with self.timer.stage("certify"):
                 return certify_texture(
-                    self.prepared, chosen.atlas, made.texture.values, options, confidence=confidence, attempt=attempt
+                    self.prepared,
+                    chosen.atlas,
+                    made.texture.values,
+                    options,
+                    max_error,
+                    confidence=confidence,
+                    attempt=attempt,
                 )
 
-        return until_certain(lambda directions: self.make(chosen, directions), measure, options, before)
+        return until_certain(
+            lambda directions: self.make(chosen, directions),
+            measure,
+            max_error,
+            direction_counts(options),
+            doubt=doubt,
+            before=before,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,7 +148,7 @@ def bake_textures(
             own_scene = replace(prepared, scene=group.scene(scene))
             named = _NamedLines(progress, group.name)
             try:
-                baked = bake_prepared(own_scene, backend, how, named, timer, make_visibility)
+                baked = bake_prepared(own_scene, backend, how, named, timer, make_visibility, len(groups))
             except InputError as error:
                 raise InputError(f"texture {group.name}: {error}") from error
             value = replace(baked.options, max_distance=options.max_distance)

@@ -13,20 +13,20 @@ from typing import Generic, TypeVar
 from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.errors import ArgumentError
 from aoprecalc.io.images import LOSSY_EXTENSIONS, stored
-from aoprecalc.metrics.certificate import CONFIDENCE, RenderedErrors, certify
+from aoprecalc.metrics.certificate import RenderedErrors, certify
 from aoprecalc.options import BakeOptions, ValueOptions, VerifyOptions
-from aoprecalc.types import Atlas, Certificate, Float32Array
+from aoprecalc.types import CONFIDENCE, Atlas, Certificate, Float32Array
 from aoprecalc.visibility.directions import DirectionPlan
 from aoprecalc.visibility.integrand import Integrand
 
 COUNTS = tuple(144 << power for power in range(8))  # nine groups of 8 to 1024 axes
 _ERROR_OF_ONE = 0.45  # times N^-3/4 is the RMS sampling error as rendered; measured: 0.25 to 0.65
 _FIRST_SHARE = 0.6  # of the greatest error, which sampling is to add to the first texture
-_WANTED = 0.7  # of the greatest squared error, which a further texture is to have
-_HOPELESS = 0.9  # of the greatest squared error; where the resolution alone adds more, directions do not help
-_FAR = 2.0  # of the greatest squared error; where the resolution adds more, that is certain from one texture
+_ENOUGH = 0.7  # of the greatest squared error: a texture of that can be certified, see `certify`
+_LEAST = 0.05  # of it, for which directions are taken at once
+_FAR = 2.0  # of it: where the resolution alone adds more, that is clear from one texture
 _BAKE, _VERIFY = 0, 1  # first numbers of seeds
-_MORE_POINTS = 2.0  # factor, when a certificate is confirmed: it may have been luck to get it by few
+_MORE_POINTS = 2.0  # factor, when a certificate is confirmed: the bake may have had luck with few
 
 _Made = TypeVar("_Made")
 
@@ -55,43 +55,41 @@ class Certified(Generic[_Made]):
 
     def warnings(self, options: BakeOptions) -> list[str]:
         """Return the line for the user where the error is too great, and what helps."""
-        certificate = self.certificate
+        certificate, attempts = self.certificate, self.attempts[self.first :]
         if certificate.holds:
             return []
-        found = (
-            f"the RMS error as rendered is {certificate.error:.4f}, at most {certificate.bound:.4f} with "
-            f"{certificate.confidence:.0%} confidence; {certificate.max_error:g} was wanted"
-        )
-        if self.too_coarse:
-            alone = math.sqrt(resolution_part(self.attempts[self.first :]))
+        found = f"as rendered, {certificate}; {certificate.max_error:g} was wanted"
+        coarse = resolution_part(attempts)
+        if coarse >= attempts[-1].squared_error / 2:
             larger = "a larger --size" if options.size == "auto" else "a larger --size, or auto"
-            return [f"{found}: the resolution alone adds about {alone:.4f}; use {larger}, or new UVs"]
-        return [f"{found}: {self.attempts[-1].directions} directions are not enough; allow more --directions"]
+            return [f"{found}: the resolution alone adds about {math.sqrt(coarse):.4f}; use {larger}, or new UVs"]
+        return [f"{found}: {attempts[-1].directions} directions are not enough; allow more --directions"]
 
 
 def until_certain(
     make: Callable[[DirectionPlan], _Made],
     measure: Callable[[_Made, float, int], Certificate],
-    options: BakeOptions,
+    max_error: float,
+    counts: Sequence[int],
+    *,
+    doubt: float = 1 - CONFIDENCE,
     before: Sequence[Attempt] = (),
 ) -> Certified[_Made]:
     """Make textures with more and more directions until the error of one is certain to be small enough, or hopeless.
 
     make      a texture
     measure   certify a texture with a confidence; the second number counts attempts
-    options   with the greatest error, and the most directions
+    counts    of directions that may be taken, see `direction_counts`
+    doubt     1 - the confidence that all certificates together are right
     before    attempts with smaller sizes: the first texture takes as many directions as the last of them
-    The confidences are such that all certificates together are right with CONFIDENCE.
     """
-    max_error, counts = options.max_error or 0.0, _counts(options)
     attempts: list[Attempt] = []
     need = before[-1].directions if before else _first_need(max_error)
     count = next((count for count in counts if count >= need), counts[-1])
     while True:
         made = make(DirectionPlan(count, count >= COUNTS[0]))
         number = len(before) + len(attempts)
-        doubt = (1 - CONFIDENCE) * 0.5 ** (number + 1)
-        certificate = replace(measure(made, 1 - doubt, number), confidence=CONFIDENCE)
+        certificate = replace(measure(made, 1 - doubt * 0.5 ** (number + 1), number), confidence=CONFIDENCE)
         attempts.append(Attempt(count, certificate.error**2))
         more = None if certificate.holds else next_count(attempts, counts, max_error)
         if more is None:
@@ -107,7 +105,7 @@ def next_count(attempts: Sequence[Attempt], counts: Sequence[int], max_error: fl
         return None
     last, target = attempts[-1], max_error**2
     coarse = resolution_part(attempts)
-    left = max(_WANTED * target - coarse, (1 - _WANTED) * target)
+    left = max(_ENOUGH * target - coarse, _LEAST * target)
     need = last.directions * math.pow((last.squared_error - coarse) / left, 2 / 3)
     return next((count for count in more if count >= need), more[-1])
 
@@ -124,7 +122,7 @@ def resolution_part(attempts: Sequence[Attempt]) -> float:
 
 
 def _too_coarse(attempts: Sequence[Attempt], max_error: float) -> bool:
-    limit = _FAR if len(attempts) == 1 else _HOPELESS
+    limit = _FAR if len(attempts) == 1 else _ENOUGH
     return resolution_part(attempts) >= limit * max_error**2
 
 
@@ -133,7 +131,7 @@ def _first_need(max_error: float) -> float:
     return math.pow(_ERROR_OF_ONE / (_FIRST_SHARE * max_error), 4 / 3)
 
 
-def _counts(options: BakeOptions) -> tuple[int, ...]:
+def direction_counts(options: BakeOptions) -> tuple[int, ...]:
     """Return the numbers of directions that a bake may take, ascending; `directions` is the most, if it is given."""
     if options.directions is None:
         return COUNTS
@@ -145,22 +143,16 @@ def certify_texture(
     atlas: Atlas,
     texture: Float32Array,
     options: BakeOptions,
+    max_error: float,
     *,
     confidence: float,
     attempt: int,
 ) -> Certificate:
-    """Certify a texture of a bake, (h, w) float32, as it is stored: by 8 bits, unless the options say more."""
+    """Certify a texture of a bake, (h, w) float32, as it is stored: with 8 bits, unless the options say more."""
     values = stored(texture, "8" if options.bit_depth == "auto" else options.bit_depth)
-    errors = RenderedErrors(
-        prepared.scene,
-        prepared.normals,
-        atlas,
-        values,
-        Integrand.from_options(options, prepared.scene),
-        (_BAKE, options.seed, attempt),
-        options.threads,
-    )
-    return certify(errors, options.max_error or 0.0, confidence=confidence, seed=options.seed)
+    integrand, seed = Integrand.from_options(options, prepared.scene), (_BAKE, options.seed, attempt)
+    errors = RenderedErrors(prepared.scene, prepared.normals, atlas, values, integrand, seed, options.threads)
+    return certify(errors, max_error, confidence=confidence, seed=options.seed)
 
 
 def confirm(
@@ -174,7 +166,7 @@ def confirm(
     """Certify a texture, (h, w) float32, again, at other points than its bake did; `value` are the options of that."""
     integrand, seed = Integrand.from_options(value, prepared.scene), (_VERIFY, options.seed)
     errors = RenderedErrors(prepared.scene, prepared.normals, atlas, texture, integrand, seed, options.threads)
-    return certify(errors, claimed.max_error, confidence=claimed.confidence, seed=options.seed, effort=_MORE_POINTS)
+    return certify(errors, claimed.max_error, seed=options.seed, effort=_MORE_POINTS)
 
 
 def check_lossless(path: Path, options: BakeOptions) -> None:
@@ -182,3 +174,9 @@ def check_lossless(path: Path, options: BakeOptions) -> None:
     if options.max_error is not None and path.suffix.lower() in LOSSY_EXTENSIONS:
         found = f"is {options.max_error:g}, but {path} is written with losses that are not measured"
         raise ArgumentError("max_error", f"{found}; write a .png, or omit it")
+
+
+def shows_as_measured(options: BakeOptions, picture: Path) -> bool:
+    """Tell whether a mesh shows the values of a picture that were certified: not scaled, nor with fewer bits."""
+    exact = options.bit_depth in ("auto", "8") or picture.suffix.lower() == ".png"
+    return exact and options.pack == "none"

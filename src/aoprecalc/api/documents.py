@@ -128,6 +128,11 @@ class ErrorCertificate(Report):
         """Return what a document has of a certificate, if there is one."""
         return None if certificate is None else cls(certificate.holds, **asdict(certificate))
 
+    def __str__(self) -> str:
+        values = asdict(self)
+        del values["certified"]
+        return str(Certificate(**values))
+
 
 @dataclass(frozen=True)
 class RayTracedErrors(Report):

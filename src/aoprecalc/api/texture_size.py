@@ -102,9 +102,11 @@ def choose_texture(
 
 
 def next_size(chosen: ChosenTexture, backend: Backend, scene: Scene, options: BakeOptions) -> int | None:
-    """Return the next greater size that `auto` may take, None where there is none."""
+    """Return the next greater size that `auto` may take; None where there is none, or a density decides."""
+    if options.size != "auto" or options.texel_density is not None:
+        return None
     larger = (size for size in SIZES if size > chosen.options.width and _has_room(size, backend, scene, options))
-    return next(larger, None) if options.size == "auto" else None
+    return next(larger, None)
 
 
 def resolution_target(options: BakeOptions) -> float:

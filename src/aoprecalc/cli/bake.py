@@ -112,10 +112,7 @@ def bake(mesh: str, **given: Any) -> None:
     if options.target_error is not None and report.estimated_error is not None:
         say(f"estimated sampling error {report.estimated_error:.4f}")
     if (certificate := report.certificate) is not None:
-        say(
-            f"as rendered, RMS error at most {certificate.bound:.4g} with {certificate.confidence:.0%} confidence "
-            f"({certificate.error:.4f} measured at {certificate.points} points)"
-        )
+        say(f"as rendered, {certificate}")
     if report.verify is not None:
         error = report.verify.levels[0]
         say(f"as rendered, against ray tracing: RMS error {error.rmse:.4f}, 99% within {error.p99:.4f}")
@@ -137,10 +134,7 @@ def _require_certified(report: "BakeReport") -> None:
     """Raise AnswerError where the error that was asked for is not certain."""
     certificate = report.certificate
     if certificate is not None and not certificate.certified:
-        raise AnswerError(
-            f"the RMS error is {certificate.error:.4f}, at most {certificate.bound:.4f} with "
-            f"{certificate.confidence:.0%} confidence; {certificate.max_error:g} was wanted: see the warning"
-        )
+        raise AnswerError(f"{certificate}; {certificate.max_error:g} was wanted: see the warning, the files stay")
 
 
 def _where(report: "BakeReport") -> str:

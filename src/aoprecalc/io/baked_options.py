@@ -10,9 +10,9 @@ the fields of `Certificate`.
 An image that holds 1 - AO has the member `"inverted": true`, too; who reads it gets AO: see `occlusion_pixels`. Where
 options name files, the member `"files"` has the beginning of the SHA-256 of each, by option.
 
-glTF's occlusionTexture has the options in its `extras`, as the member "aoprecalc". Neither has times or
-names of machines, and of the paths of files they have the names only. What is read is not trusted: its size is bounded,
-and it is checked as options of the command line.
+glTF's occlusionTexture has the options and the certificate in its `extras`, as the member "aoprecalc". Neither has
+times or names of machines, and of the paths of files they have the names only. What is read is not trusted: its size is
+bounded, and it is checked as options of the command line.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import MAX_TEXT
 from aoprecalc.options import ValueOptions
 from aoprecalc.options.fields import named_files, with_files
-from aoprecalc.types import Certificate, Float32Array
+from aoprecalc.types import CONFIDENCE, Certificate, Float32Array
 
 OPTIONS_SCHEMA = 1  # version of the JSON
 EXTRAS = "aoprecalc"  # the member of glTF's `extras`
@@ -48,7 +48,7 @@ def options_document(options: ValueOptions | None, certificate: Certificate | No
         return None
     values = asdict(with_files(options, os.path.basename))
     document = {"schema": OPTIONS_SCHEMA} | {name: value for name, value in values.items() if value not in (None, ())}
-    if certificate is not None:
+    if certificate is not None and len(_json(document)) <= MAX_TEXT - 300:
         document[_CERTIFICATE] = asdict(certificate)
     return document if len(_json(document)) <= MAX_TEXT - 60 else None  # with room for the other members
 
@@ -146,7 +146,8 @@ def baked_certificate(image: ImageSource, extras: object = None) -> Certificate 
         certificate = msgspec.convert(document.get(_CERTIFICATE), Certificate)
     except ValueError:
         return None
-    return certificate if 0 < certificate.max_error <= 1 else None
+    known = 0.001 <= certificate.max_error <= 1 and certificate.confidence == CONFIDENCE
+    return certificate if known and 0 <= certificate.bound <= 1 else None
 
 
 def occlusion_pixels(image: ImageSource) -> Float32Array:

@@ -101,11 +101,19 @@ class RayReference:
         rays   from each point; rounded up to a square
         Each finished point of the front side advances `progress` by one. Raises RendererError if rays cannot be cast.
         """
-        values: Float64Array = np.zeros(len(points))
+        return np.asarray(self.of_sides(points, rays, seed, progress).max(axis=0))
+
+    def of_sides(self, points: SurfacePoints, rays: int, seed: int, progress: Progress) -> Float64Array:
+        """Return the ambient occlusion of the front and of the back, (2, k); the back of one-sided faces has 0.
+
+        The greater of two noisy values is too great in the mean: without bias is who chooses the side by other rays.
+        """
+        values: Float64Array = np.zeros((2, len(points)))
+        rng = np.random.default_rng(seed)
         for number, baked in enumerate(self._passes):
             chosen = np.flatnonzero(baked.receives[points.faces]) if len(self._passes) > 1 else np.arange(len(points))
             own = SurfacePoints(points.faces[chosen], points.weights[chosen])
-            values[chosen] = self._in_one_pass(baked, self._surfaces_of(number), own, rays, seed, progress)
+            values[:, chosen] = self._in_one_pass(baked, self._surfaces_of(number), own, rays, rng, progress)
         return values
 
     def _in_one_pass(
@@ -114,15 +122,15 @@ class RayReference:
         surfaces: Sequence[NormalizedSurface],
         points: SurfacePoints,
         rays: int,
-        seed: int,
+        rng: np.random.Generator,
         progress: Progress,
     ) -> Float64Array:
-        """Return the ambient occlusion at points of parts that are baked together; `surfaces` are of each pose."""
+        """Return what `of_sides` does for points of parts that are baked together; `surfaces` are of each pose."""
         two_sided = scene.two_sided[points.faces]
         front, back = np.zeros((2, len(points))), np.zeros((2, len(points)))
         for of_pose in surfaces:
             for surface, rows, faces in of_pose.by_group(points.faces):
-                cast = partial(_one_side, self._rays_of(surface), rays=rays, seed=seed, integrand=self._integrand)
+                cast = partial(_one_side, self._rays_of(surface), rays=rays, rng=rng, integrand=self._integrand)
                 positions, normals, geometric = surface.interpolate(faces, points.weights[rows])
                 front[:, rows] += cast((positions, normals, geometric), progress=progress)
                 sides = two_sided[rows]
@@ -130,8 +138,7 @@ class RayReference:
                 back[:, rows[sides]] += cast(behind, progress=Progress())
             progress = Progress()
         tiny = np.finfo(float).tiny
-        values, lighter = (visible / np.maximum(counted, tiny) for visible, counted in (front, back))
-        return np.where(two_sided, np.maximum(values, lighter), values)
+        return np.stack([visible / np.maximum(counted, tiny) for visible, counted in (front, back)])
 
 
 def reference_ao(
@@ -151,7 +158,7 @@ def _one_side(
     points: tuple[Float64Array, Float64Array, Float64Array],
     *,
     rays: int,
-    seed: int,
+    rng: np.random.Generator,
     integrand: Integrand,
     progress: Progress,
 ) -> Float64Array:
@@ -161,7 +168,6 @@ def _one_side(
     """
     positions, normals, geometric = points
     rays = stratified_ray_count(rays)
-    rng = np.random.default_rng(seed)
     sums = np.empty((2, len(positions)))
     chunk_size = max(1, _RAYS_PER_CHUNK // rays)
     for start in range(0, len(positions), chunk_size):

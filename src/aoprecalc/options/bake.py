@@ -292,7 +292,8 @@ class BakeOptions(_TextureSize, ValueOptions):
         common=True, range=(0.001, 1), metavar="E", default_text="no certificate",
         more="The error is measured by rays at points that the texture was not fitted to. Directions are added as long "
         "as they help, at most `directions`, then texels where `size` is auto. The picture, a glTF and the report hold "
-        "the certificate, which `verify` confirms.")] = None
+        "the certificate, which `verify` confirms. Where it cannot be, the files are written and the exit code is 1; "
+        "a batch warns.")] = None
     threads: ThreadsField = 0
     memory_limit: Annotated[int | None, _run(
         "Stay within this much memory, such as 1.5G: the same texture in more time.", range=(1, 1 << 50), unit="bytes",
@@ -326,7 +327,8 @@ class BakeOptions(_TextureSize, ValueOptions):
         "Size of the texture in texels: one number for a square, width and height, or auto.", common=True,
         range=(1, _MAX_SIZE), unit="texels", quantity=TEXTURE_SIZE,
         more="auto: the smallest power of two from 64 to 8192 that holds `texel_density`; without that, at which the "
-        "resolution adds an RMS error of at most 0.005, or 0.7 of `target_error`, estimated by ray tracing.")]] = None
+        "resolution adds an RMS error of at most 0.005, 0.7 of `target_error`, or half of `max_error`, as "
+        "estimated by ray tracing.")]] = None
 
     @property
     def direction_count(self) -> int:
@@ -355,6 +357,10 @@ class BakeOptions(_TextureSize, ValueOptions):
         if self.max_error is not None and self.target_error is not None:
             raise ArgumentError(
                 "max_error", "and {target_error} both say when the bake ends; omit one of them", "target_error"
+            )
+        if self.max_error is not None and self.sampling == "random":
+            raise ArgumentError(
+                "sampling", "is 'random', which takes far too many directions for {max_error}; omit one", "max_error"
             )
         if (self.width == 0) != (self.height == 0):
             name = "width" if self.width == 0 else "height"

@@ -8,6 +8,7 @@ split or weld anything. Sizes in the docstrings: v distinct positions, f faces, 
 """
 
 from aoprecalc.types.results import (
+    CONFIDENCE,
     Atlas,
     Baked,
     BaseColor,
@@ -41,6 +42,7 @@ from aoprecalc.types.scene import (
 )
 
 __all__ = [
+    "CONFIDENCE",
     "REVERSED_WINDING",
     "AlphaMask",
     "Atlas",

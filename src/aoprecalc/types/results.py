@@ -100,6 +100,9 @@ class Texture:
     padding: Padding | None = None
 
 
+CONFIDENCE = 0.95  # of certificates
+
+
 @dataclass(frozen=True)
 class Certificate:
     """How sure it is that the error of a texture, as rendered, is at most a bound.
@@ -132,6 +135,12 @@ class Certificate:
     def holds(self) -> bool:
         """Whether the error is at most `max_error`, with the confidence."""
         return self.bound <= self.max_error
+
+    def __str__(self) -> str:
+        return (
+            f"RMS error at most {self.bound:.4g} with {self.confidence:.0%} confidence "
+            f"({self.error:.4f} measured at {self.points} points)"
+        )
 
 
 @dataclass(frozen=True)
