@@ -11,7 +11,7 @@ from pygltflib import GLTF2
 import aoprecalc as ao
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.bake_textures import bake_textures
-from aoprecalc.api.certified_bake import COUNTS, Attempt, next_count, resolution_part
+from aoprecalc.api.certified_bake import COUNTS, Attempt, next_count, resolution_part, until_certain
 from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.api.verify import measure_texture
 from aoprecalc.errors import ArgumentError, UsageError
@@ -21,6 +21,7 @@ from aoprecalc.io.formats.files import ImageSource
 from aoprecalc.io.images import read_text, stored
 from aoprecalc.options import BakeOptions, VerifyOptions
 from aoprecalc.progress import Progress
+from aoprecalc.types import Certificate
 from aoprecalc.visibility.directions import DirectionPlan
 from shapes import box, clutter, join, notch, quad, scene, scene_of_parts, torus
 
@@ -72,6 +73,24 @@ def test_no_more_are_taken_where_the_resolution_alone_is_too_much():
     assert next_count(error_with(0.001, 20.0, [144, 288]), COUNTS, 0.01) == COUNTS[-1]
 
 
+def test_all_certificates_together_are_right_with_the_confidence():
+    asked = []
+
+    def measure(made, confidence, attempt):
+        asked.append((made, confidence, attempt))
+        return Certificate(0.01, 0.6 * made**-0.75, 0.03, confidence, 1, 1, 0)
+
+    found = until_certain(lambda directions: directions.count, measure, 0.01, COUNTS, doubt=0.04)
+    assert [attempt for _, _, attempt in asked] == list(range(len(asked)))
+    assert [1 - confidence for _, confidence, _ in asked] == pytest.approx(
+        [0.04 / 2 ** (k + 1) for k in range(len(asked))]
+    )
+    counts = [made for made, _, _ in asked]
+    assert [one.directions for one in found.attempts] == counts == sorted(set(counts))
+    assert found.certificate.confidence == 0.95
+    assert found.made == asked[-1][0] == COUNTS[-1]
+
+
 # Bakes.
 
 
@@ -108,7 +127,8 @@ def test_what_a_size_cannot_hold_is_told_with_what_it_reached():
     assert not certificate.holds
     assert certificate.bound > certificate.error > 0.002
     (line,) = (line for line in baked.warnings if "RMS error" in line)
-    assert f"is {certificate.error:.4f}, at most {certificate.bound:.4f} with 95% confidence; 0.002 was wanted" in line
+    assert f"as rendered, {certificate}; 0.002 was wanted" in line
+    assert "(0." in str(certificate)
     assert "the resolution alone adds about" in line
     assert "use a larger --size, or auto" in line
 
@@ -186,11 +206,25 @@ def test_the_picture_and_the_extras_of_a_gltf_say_it(certified):
 
 
 def test_a_text_that_holds_no_certificate_is_none(tmp_path):
-    for number, said in enumerate(("0.1", '{"max_error": -1}', '{"max_error": "x"}', "null", "[1]")):
-        picture = tmp_path / f"{number}.png"
-        text = f'{{"schema": 1, "certificate": {said}}}'
-        write_image(picture, np.ones((4, 4), np.float32), "8", text)
-        assert baked_certificate(ImageSource.of(picture)) is None
+    right = {"max_error": 0.01, "error": 0.005, "bound": 0.009, "confidence": 0.95, "points": 9, "rays": 9, "seed": 0}
+    wrong = [
+        {"max_error": 1e-9},
+        {"max_error": "x"},
+        {"confidence": 1},
+        {"confidence": 0},
+        {"bound": -1},
+        {"points": []},
+    ]
+    assert Certificate(**right) == said_by(tmp_path, right)
+    for said in (*({**right, **one} for one in wrong), 0.1, None, [1], {}):
+        assert said_by(tmp_path, said) is None
+
+
+def said_by(folder, certificate):
+    write_image(
+        folder / "a.png", np.ones((4, 4), np.float32), "8", json.dumps({"schema": 1, "certificate": certificate})
+    )
+    return baked_certificate(ImageSource.of(folder / "a.png"))
 
 
 def test_a_picture_that_was_changed_is_not_confirmed(certified, tmp_path):
@@ -218,6 +252,11 @@ def test_pictures_with_losses_are_refused(tmp_path):
     result = ao.bake(ao.Mesh(*RING), BakeOptions(size=64, backend="ray", max_error=0.05))
     with pytest.raises(UsageError, match=r"max_error is 0.05, but .*x.jpg is written with losses"):
         result.save(tmp_path / "x.jpg")
+
+
+def test_random_directions_are_refused():
+    with pytest.raises(ArgumentError, match="sampling is 'random', which takes far too many directions for max_error"):
+        BakeOptions(max_error=0.01, sampling="random")
 
 
 def test_one_end_only():
