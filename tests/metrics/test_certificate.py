@@ -145,6 +145,15 @@ def test_the_lighter_of_two_equal_sides_is_not_too_light():
     assert products.mean() == pytest.approx(((one_sided - 0.2) ** 2).mean(), rel=0.01)
 
 
+def test_a_back_that_sees_all_counts_for_a_front_that_sees_nothing():
+    """A sheet that lies close above a floor, face down."""
+    sheet, ground = quad((0, 0, 0.001), (0, 1, 0), (1, 0, 0)), quad((-3, -3, 0), (7, 0, 0), (0, 7, 0))
+    uvs = np.concatenate([quad_uvs((0, 0), (1, 1)), quad_uvs((2, 2), (3, 3))])
+    made = assign_roles(scene(*join(sheet, ground), uvs), ValueOptions(two_sided=True))
+    atlas = atlas_from_uvs(made, uvs, np.array([True, True, False, False]))
+    assert errors_of(made, atlas, np.full((2, 2), 0.2))(0) == pytest.approx(0.64, abs=1e-6)
+
+
 def test_points_of_different_groups_have_different_rays():
     """Two equal floors beside equal walls, of two objects that do not occlude each other."""
     floor, wall = quad((0, 0, 0), (1e-3, 0, 0), (0, 1e-3, 0)), quad((-20, 0, 1), (41, 0, 0), (0, 0, -1))
