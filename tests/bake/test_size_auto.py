@@ -170,6 +170,21 @@ def test_it_is_an_option_everywhere(tmp_path):
         BakeOptions(height=0)
 
 
+@pytest.mark.parametrize("more", [{}, {"directions": None}, {"directions": None, "bent_normals": True}])
+def test_a_size_that_is_chosen_has_room_for_all_that_the_bake_needs(more, monkeypatch):
+    """Also for what neighbours share, and for vectors. More texels are always better here, and all are covered."""
+    monkeypatch.setattr("aoprecalc.visibility.plan.resident_memory", lambda: 100 << 20)
+    monkeypatch.setattr("aoprecalc.api.texture_size.resolution_error", lambda *_: 1.0)
+    made, refused = scene(*SQUARE, quad_uvs((0, 0), (1, 1))), 0
+    for limit in range(185, 225, 5):
+        options = {"memory_limit": limit << 20, "shadow_size": 16, **more}
+        size = side(bake(made, **options))
+        with pytest.raises(ArgumentError, match="memory_limit"):
+            bake(made, size=2 * size, **options)
+        refused += size
+    assert refused
+
+
 def test_a_memory_limit_bounds_it(step, monkeypatch):
     monkeypatch.setattr("aoprecalc.visibility.plan.resident_memory", lambda: 100 << 20)
     most = bake(step, target_error=0.0, memory_limit=450 << 20)

@@ -114,12 +114,24 @@ def test_the_share_of_the_brightest_direction_is_that_of_the_sun(share, directio
     assert found == pytest.approx(share * held + (1 - share) / directions, rel=0.02, abs=0.3 / directions)
 
 
+@pytest.mark.parametrize("directions", [100, 400, 2000])
+@pytest.mark.parametrize("degrees", [3, 10, 30])
+def test_so_is_that_of_a_window_of_equal_pixels(degrees, directions):
+    """Beside that of the light around each direction, which the bake takes."""
+    image = np.full((180, 360), 0.01, np.float32)
+    image[60 : 60 + degrees, 100 : 100 + degrees] = 1
+    sky, axes = ImageSky(image, FRAME), light_axes(directions)
+    cells = sky.averaged(np.concatenate([axes, -axes])).values
+    expected = cells.max() / cells.sum()
+    assert expected * 0.8 < sky.share_in_one(directions) < expected * 2.2  # greater where it lies between directions
+
+
 @pytest.mark.parametrize(("share", "directions", "warned"), [(0.2, 512, True), (0.03, 512, False), (0, 16, False)])
 def test_a_sun_in_a_sky_is_told(share, directions, warned, tmp_path):
     sky = saved(tmp_path / "sky.exr", with_sun(share))
     report = ao.bake(ao.Mesh(*box()), BakeOptions(sky=sky, size=16, directions=directions, up="z")).report
     told = (
-        "sky.exr: 20% of its light comes from one of 512 directions, as from a sun: that shadow is hard and up to 5 deg"
+        "sky.exr: 20% of its light comes from one of 512 directions, as from a sun: its shadow is hard and up to 5 deg"
     )
     assert any(line.startswith(told) for line in report.warnings) == warned
 

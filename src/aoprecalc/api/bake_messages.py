@@ -190,7 +190,7 @@ def _warn_of_sun(baked: Baked, options: BakeOptions) -> list[str]:
     off = math.degrees(math.acos(1 - 2 / count))
     found = f"{Path(options.sky).name}: {share:.0%} of its light comes from one of {count} directions, as from a sun"
     return [
-        f"{found}: that shadow is hard and up to {off:.0f} degrees off; use an image without it, or more --directions"
+        f"{found}: its shadow is hard and up to {off:.0f} degrees off; use an image without it, or more --directions"
     ]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from aoprecalc.api.prepared_scene import PreparedScene
 from aoprecalc.errors import ArgumentError, RendererError
+from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.surface import area_vectors
 from aoprecalc.metrics.resolution import resolution_error
 from aoprecalc.options import BakeOptions
@@ -220,9 +221,19 @@ def _has_room(size: int, backend: Backend, scene: Scene, options: BakeOptions) -
     """Tell whether a texture of this size is within the limits of the renderer and of memory, however full it is."""
     sized = replace(options, size=size)
     shadow_size = options.shadow_size or MAX_SHADOW_SIZE
+    detail = detail_of(scene)
     try:
         backend.check_size(sized)
-        texels_per_chunk(options.memory_limit, "", size**2, size**2, shadow_size, len(scene.faces))
+        texels_per_chunk(
+            options.memory_limit,
+            "",
+            size**2,
+            size**2,
+            shadow_size,
+            len(scene.faces) + (0 if detail is None else len(detail.scene.faces)),
+            vectors=options.bent_normals,
+            interleaved=options.interleaves and backend.kind == "ray",
+        )
     except ArgumentError:
         return False
     return True

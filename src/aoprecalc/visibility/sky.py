@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aoprecalc.mesh.roles import up_axis
+from aoprecalc.mesh.surface import normalize
 from aoprecalc.options import ValueOptions
 from aoprecalc.texture_lookup import LUMINANCE
 from aoprecalc.types import Float32Array, Float64Array, Int64Array, Scene
@@ -23,6 +24,7 @@ _GROUND_ALBEDO = 0.2  # of what reflects an overcast sky; that of grass and soil
 _HORIZONTAL_IRRADIANCE = 7 / 9  # / (pi times the radiance of the zenith), of the CIE overcast sky
 _POINTS_PER_CELL = 64  # of an image around each direction, at least, to average over
 _MAX_CELLS = 1 << 15
+_SHIFTS = 8  # of the place where the brightest direction is looked for
 
 _MAX_HEIGHT, _MAX_WIDTH = 512, 1024  # of a sky's image in pixels, finer than any number of directions resolves
 _FLOOR = 1e-3  # of the mean radiance, that comes from everywhere: no point of a surface is without any light
@@ -106,9 +108,15 @@ class ImageSky:
         return SkyCells(directions, np.where(area > 0, light / np.where(area > 0, area, 1), self.radiance(directions)))
 
     def share_in_one(self, directions: int) -> float:
-        """Return the share of the light that one of so many directions stands for: the one of the brightest pixel."""
+        """Return the share of the light that one of so many directions stands for: the one of the brightest place.
+
+        The search begins at the brightest pixel, the first of equal ones, and moves to the middle of the light there.
+        """
         (centers, areas), light, brightest = self._pixel_centers(), self._light(), np.argmax(self.image)
-        near = centers @ centers[brightest] >= 1 - 2 / directions  # a cap of 1 / directions of the sphere
+        towards = centers[brightest]
+        for _ in range(_SHIFTS):
+            near = centers @ towards >= 1 - 2 / directions  # a cap of 1 / directions of the sphere
+            towards = normalize(light[near] @ centers[near])
         held = min(1, 1 / (directions * areas[brightest]))  # of the light of a pixel larger than that
         return float(held * light[near].sum() / light.sum())
 
