@@ -139,7 +139,7 @@ def files_beside(options: ValueOptions, given: VerifyOptions, scene: Scene, text
         other = [
             f"{option_name(option)} {name}"
             for path, name, digest in zip(paths, names, texture.files.get(option, ()), strict=False)
-            if Path(path).is_file() and digest not in ("", file_digest(path))
+            if Path(path).is_file() and digest and file_digest(path) not in ("", digest)
         ]
         missing, others = missing + lost, others + other
         asked += [paths] if lost or other else []

@@ -170,8 +170,8 @@ class LeastSquaresImage:
     def _make_room(self, offset: tuple[float, float], first: int, last: int) -> None:
         """Make room for samples at an offset of the texels first .. last.
 
-        Texels come in bands of rows, see `row_bands`: once they are of a later band, all before it are added. (Others
-        that come later are added by themselves.) So what waits is a few bands, not an image.
+        Texels come in bands of rows, see `row_bands`: once they are of a later band, all before it are added. A sample
+        of an earlier band first adds all that waits. So that is a few bands where the texture is well covered.
         """
         height, width = self._shape
         columns, reach = self._bordered[1], 2 * self._edge

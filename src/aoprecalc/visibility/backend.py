@@ -82,7 +82,7 @@ class Backend(Protocol):
         ...
 
     def free_unused(self) -> None:
-        """Free what rasterizers and testers that are there no more have allocated."""
+        """Free what rasterizers and testers have allocated that no longer exist."""
         ...
 
     def check_errors(self) -> None:

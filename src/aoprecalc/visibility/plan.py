@@ -39,7 +39,7 @@ _VARIATION = 16  # megabytes by which the resident memory differs from one run t
 class GatherPlan:
     """How the visibility of a bake is gathered.
 
-    shadow_size   side of the depth maps, in texels; of no meaning without maps
+    shadow_size   side of the depth maps, in texels; not used by rays
     chunk_size    texels of a side that are processed at a time, at most
     passes        the chunks of all sides: how many times all directions are gone through, in each pose
     """
