@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial import KDTree
 
 from aoprecalc.raster.layout import doubled_uv_areas
@@ -218,6 +219,47 @@ def test_a_small_chart_lies_in_the_hole_of_a_large_one():
     places = Page(40, 40, reach_of_gutter(2, 1)).place([np.ones((16, 16), bool), frame])
     assert places[1].tolist() == [0, 0, 0]
     assert places[0, :2].tolist() == [12, 12]
+
+
+def placed_row_by_row(columns, rows, reach, masks):
+    """Where a page puts charts, by trying all places, a row at a time, with all cells of a chart."""
+    taken, first_row, places = np.zeros((rows, columns), bool), {}, []
+    for mask in masks:
+        bottom, found = rows + 1, None
+        for turns in range(4):
+            turned = np.rot90(mask, turns)
+            height, width = turned.shape
+            size_class = int(3 * np.log2(width)), int(3 * np.log2(height))
+            for row in range(
+                first_row.get(size_class, 0), min(bottom - 1, rows) - height + 1 if width <= columns else 0
+            ):
+                windows = sliding_window_view(taken[row : row + height], (height, width))[0]
+                free = ~(windows & turned).any(axis=(1, 2))
+                if free.any():
+                    bottom, found, first_row[size_class] = row + height, (row, int(free.argmax()), turns), row
+                    break
+        places.append(found)
+        row, column, turns = found
+        for down, right in np.argwhere(np.rot90(mask, turns)) + (row, column):
+            for distance, wide in enumerate(reach):
+                for near in {max(0, down - distance), min(rows - 1, down + distance)}:
+                    taken[near, max(0, right - wide) : right + wide + 1] = True
+    return np.array(places)
+
+
+@pytest.mark.parametrize(("columns", "gutter", "cell"), [(65, 2, 1), (63, 5, 2), (40, 4, 1)])
+def test_places_are_the_lowest_by_a_slow_reference_seed_1(columns, gutter, cell):
+    """Of round charts and long ones; one as long as the page is wide, one of far cells, one that goes around a cell."""
+    charts, apart = polygons(40, seed=1), np.zeros((33, 33), bool)
+    apart[::16, ::16] = True
+    borders = ChartBorders.of(charts.uvs, charts.chart)
+    masks = chart_masks(6 * in_least_boxes(charts.uvs, charts.chart, borders), charts.chart, 0.0, borders)
+    masks += [np.ones((columns, 1), bool), apart, np.ones((20, 20), bool), np.ones((1, 1), bool)]
+    masks.sort(key=lambda mask: -sum(mask.shape))
+    reach = reach_of_gutter(gutter, cell)
+    places = placed_row_by_row(columns, 300, reach, masks)
+    assert np.array_equal(Page(columns, 300, reach).place(masks), places)
+    assert (places[:, 2] % 2 == 1).any()
 
 
 def test_the_gutter_shrinks_with_the_room_and_never_below_two():
