@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aoprecalc.background import Background
 from aoprecalc.mesh.roles import in_poses
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples, area_per_texel, keep_faces, texel_positions
@@ -166,20 +167,29 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     difference tells the error. At most `chunk_size` texels are processed at a time. By rays neighbouring texels
     may take different groups, see `interleaving`.
     """
-    gathering = _Gathering(setup, side, source, chunk_size)
-    if setup.interleaved:
-        gathering.interleave()
-    else:
-        gathering.take_groups()
+    with Background(inline=setup.backend.kind == "gl") as background:  # OpenGL belongs to one thread
+        gathering = _Gathering(setup, side, source, chunk_size, background)
+        if setup.interleaved:
+            gathering.interleave()
+        else:
+            gathering.take_groups()
     return gathering.result()
 
 
 class _Gathering:
     """The visibility sums of a side's texels so far, and the image that is fitted to their samples."""
 
-    def __init__(self, setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_size: int) -> None:
-        """Start without sums."""
+    def __init__(
+        self,
+        setup: BakeSetup,
+        side: SurfaceSide,
+        source: VisibilitySource,
+        chunk_size: int,
+        background: Background,
+    ) -> None:
+        """Start without sums. In the background texels are sampled, and the image is fitted."""
         self._setup, self._side, self._source, self._chunk_size = setup, side, source, chunk_size
+        self._background = background
         texels, atlas, columns = side.texels, setup.inputs.atlas, setup.integrand.columns
         self._image = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats, channels=columns - 1)
         poses = in_poses(setup.inputs.scene, setup.inputs.normals)
@@ -193,13 +203,15 @@ class _Gathering:
         """Sum the groups one after the other, until the bake's `target_error`, if it has one, is reached."""
         target, texels = self._setup.inputs.options.target_error, self._side.texels
         slices, groups = chunks(len(texels), self._chunk_size), range(len(self._setup.groups))
-        self._source.expect(TexelRequest(group, rows) for group in groups for rows in slices)
+        requests = [TexelRequest(group, rows) for group in groups for rows in slices]
+        self._source.expect(requests)
+        sampled = self._background.made_ahead(self._sample, requests)
         for group in groups:
-            for rows in slices:
-                samples = self._setup.texel_samples(self._side, rows, group)
-                sums = self._sums(samples, TexelRequest(group, rows))
-                self._halves[group % 2, rows] += sums
-                self._fit(samples, sums, group)
+            for _ in slices:
+                request, (samples, points) = next(sampled)
+                sums = self._source.visibility_sums(points, request)
+                self._halves[group % 2, request.rows] += sums
+                self._background.do(self._fit, samples, sums, group)
             self._used[group % 2] += self._setup.directions_of(group)
             self._per_texel += self._setup.directions_of(group)
             if group % 2 or group == groups[-1]:
@@ -216,7 +228,7 @@ class _Gathering:
         smooth = share_sums(texels, groups, own, normals, self._halves, smooth_change(2 * len(setup.axes)))
         own = own[~smooth]
         del normals  # these are large: not one is kept for longer than it is needed
-        self._fit_shared(smooth, faces)
+        self._background.do(self._fit_shared, smooth, faces)
         del faces
         self._sum_others(~smooth, groups, own)
         if len(texels):
@@ -225,23 +237,28 @@ class _Gathering:
 
     def _sum_own(self, groups: NDArray[np.int8]) -> tuple[Int32Array, Float32Array, NDArray[np.float16]]:
         """Sum at each texel its own group, (k,); return the faces and the sums of the texels, and their normals."""
-        texels, setup = self._side.texels, self._setup
+        texels = self._side.texels
         faces, own = np.full(len(texels), -1, np.int32), np.zeros_like(self._halves[0])
         normals = np.zeros((len(texels), 3), np.float16)
 
-        def parts() -> Iterator[tuple[int, Int32Array]]:
+        def requests() -> Iterator[TexelRequest]:
             for group in range(GROUPS):
                 for rows in self._chunks(groups == group):
-                    yield group, rows
+                    yield TexelRequest(group, rows)
 
-        self._source.expect(TexelRequest(group, rows) for group, rows in parts())
-        for group, rows in parts():
-            samples = setup.texel_samples(self._side, rows, group)
-            points = setup.measured(self._side, samples)
-            faces[rows], own[rows] = samples.faces, self._source.visibility_sums(points, TexelRequest(group, rows))
-            for part in chunks(len(rows), FIT_CHUNK):
+        def sample(request: TexelRequest) -> Samples:
+            samples, points = self._sample(request)
+            faces[request.rows] = samples.faces
+            of_request = normals[request.rows]
+            for part in chunks(len(points.faces), FIT_CHUNK):
                 some = points.select(part)
-                normals[rows[part]] = self._side.surface.interpolate(some.faces, some.weights)[1]
+                of_request[part] = self._side.surface.interpolate(some.faces, some.weights)[1]
+            normals[request.rows] = of_request
+            return points
+
+        self._source.expect(requests())
+        for request, points in self._background.made_ahead(sample, requests()):
+            own[request.rows] = self._source.visibility_sums(points, request)
         return faces, own, normals
 
     def _sum_others(self, chosen: BoolArray, groups: NDArray[np.int8], own: Float32Array) -> None:
@@ -256,15 +273,19 @@ class _Gathering:
         def others(group: int, rows: Int32Array) -> TexelRequest:
             return TexelRequest(group, rows[groups[rows] != group])
 
+        def sample(part: tuple[int, Int32Array, Float32Array]) -> tuple[Samples, Samples]:
+            group, rows, _ = part
+            samples = self._setup.texel_samples(self._side, rows, group)
+            return samples, self._setup.measured(self._side, samples.select(groups[rows] != group))
+
         parts = [(group, rows, own_sums) for group in range(GROUPS) for rows, own_sums in chosen_chunks]
         self._source.expect(others(group, rows) for group, rows, _ in parts if (groups[rows] != group).any())
-        for group, rows, own_sums in parts:
-            samples, sums = self._setup.texel_samples(self._side, rows, group), own_sums.copy()
-            is_other = groups[rows] != group
+        for (group, rows, own_sums), (samples, points) in self._background.made_ahead(sample, parts):
+            sums, is_other = own_sums.copy(), groups[rows] != group
             if is_other.any():
-                sums[is_other] = self._sums(samples.select(is_other), others(group, rows))
+                sums[is_other] = self._source.visibility_sums(points, others(group, rows))
             self._halves[group % 2, rows] += sums
-            self._fit(samples, sums, group)
+            self._background.do(self._fit, samples, sums, group)
 
     def _fit_shared(self, smooth: BoolArray, faces: Int32Array) -> None:
         """Fit the image to the shared sums of smooth texels: they are of the middle of the samples of all groups.
@@ -284,9 +305,10 @@ class _Gathering:
         rows = np.flatnonzero(chosen).astype(np.int32)
         return [rows[part] for part in chunks(len(rows), self._chunk_size)]
 
-    def _sums(self, samples: Samples, request: TexelRequest) -> Float32Array:
-        """Return the visibility sums at the points that are measured for samples of the textured mesh."""
-        return self._source.visibility_sums(self._setup.measured(self._side, samples), request)
+    def _sample(self, request: TexelRequest) -> tuple[Samples, Samples]:
+        """Return the points of the textured mesh for the texels of a request, and those measured for them."""
+        samples = self._setup.texel_samples(self._side, request.rows, request.group)
+        return samples, self._setup.measured(self._side, samples)
 
     def _fit(self, samples: Samples, sums: Float32Array, group: int) -> None:
         """Fit the image to the sums of a group, (k, columns), at samples of the textured mesh."""
