@@ -17,7 +17,7 @@ from aoprecalc.types import REVERSED_WINDING, BoolArray, Float32Array, Float64Ar
 
 _MAX_FLOAT = 1e38  # of positions that nobody looks at
 _NO_TRIANGLES = np.zeros((0, 3, 3))
-_ON_GROUND = 1e-5  # below the ground plane, over the bounding radius, up to which a point is on it
+ON_GROUND = 1e-5  # below the ground plane, over the bounding radius, up to which a point is on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class NormalizedSurface:
         """Return which of (..., 3) points lie below the ground plane; those on it do not, within rounding."""
         if not self.buried:
             return np.zeros(points.shape[:-1], bool)
-        under: BoolArray = points @ np.asarray(self.ground_normal) < self.ground_height - _ON_GROUND
+        under: BoolArray = points @ np.asarray(self.ground_normal) < self.ground_height - ON_GROUND
         return under
 
     def points(self, faces: NDArray[np.integer], weights: NDArray[np.floating]) -> Float64Array:

@@ -5,6 +5,7 @@ and Embree follows the 16 rays together. Where triangles are smaller than the di
 part; then a packet holds 16 directions of one sample.
 """
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeVar, cast
@@ -16,7 +17,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from aoprecalc.progress import Progress
-from aoprecalc.types import BoolArray, Float32Array, Float64Array
+from aoprecalc.types import BoolArray, Float32Array, Float64Array, Int32Array
 from aoprecalc.visibility.embree import OcclusionScene, occluded_arguments
 
 FloatArray = NDArray[np.floating]
@@ -38,18 +39,23 @@ _ALIGNMENT = 64  # bytes
 
 
 class Receivers(NamedTuple):
-    """Samples that receive light.
+    """Points of a surface that receive light: see `Samples` and `NormalizedSurface`.
 
-    origins      (k, 3) float32: where their rays start
-    shading      (k, 3) float64: n
-    geometric    (k, 3) float64: g
-    in_ground    (k,) bool: below the ground plane, in the dark
+    faces, weights   (k,) int32 and (k, 3) float32
+    corners          (f, 3) int32: of all faces, indices of the positions
+    positions        (v, 3) float32
+    shading          (f, 3, 3) float32: n at the corners
+    geometric        (f, 3) float32: g
+    offset           along g, of where rays start
     """
 
-    origins: Float32Array
-    shading: Float64Array
-    geometric: Float64Array
-    in_ground: BoolArray
+    faces: Int32Array
+    weights: Float32Array
+    corners: Int32Array
+    positions: Float32Array
+    shading: Float32Array
+    geometric: Float32Array
+    offset: float
 
 
 class Lights(NamedTuple):
@@ -62,6 +68,7 @@ class Lights(NamedTuple):
     reach        the distance up to which occluders count
     up           (3,) float64, the unit vector away from the ground plane; 0 without one
     ground       its height along that
+    deepest      height above the ground, at most 0, below which there is no light
     """
 
     axes: Float64Array
@@ -71,31 +78,32 @@ class Lights(NamedTuple):
     reach: float
     up: Float64Array
     ground: float
+    deepest: float
 
 
 def visibility_sums(
     scene: OcclusionScene,
-    receivers: Callable[[slice], Receivers],
-    count: int,
+    receivers: Receivers,
     lights: Lights,
     columns: int,
     texels: int,
     threads: int,
     progress: Progress,
 ) -> Float32Array:
-    """Return the visibility sums of `count` samples, (count, columns) float32, see VisibilityTester.
+    """Return the visibility sums of k samples, (k, columns) float32, see VisibilityTester.
 
-    receivers   some of the samples; they are asked for a few at a time, as they take a hundred bytes each
     texels      see `Backend.tester`; it decides what packets hold, so that no bit depends on how samples are split
     threads     that cast rays
     """
     of_samples = texels >= _TEXELS_PER_TRIANGLE * scene.triangles
+    count = len(receivers.faces)
     sums = np.zeros((count, columns), np.float32)
     embree = _Embree(scene.occluded16, scene.scene, occluded_arguments(coherent=of_samples))
 
     def add_from(start: int) -> None:
-        part = slice(start, min(start + _SAMPLES_PER_TASK, count))
-        _add_visibility(embree, receivers(part), lights, sums[part], of_samples)
+        part = slice(start, start + _SAMPLES_PER_TASK)
+        some = receivers._replace(faces=receivers.faces[part], weights=receivers.weights[part])
+        _add_visibility(embree, some, lights, sums[part], of_samples)
 
     starts, done, total = range(0, count, _SAMPLES_PER_TASK), 0, 2 * len(lights.axes)
     with ThreadPoolExecutor(threads) as pool:
@@ -240,17 +248,48 @@ def _add_visibility(
 def _take_samples(
     packet: Float32Array, lanes: Float64Array, receivers: Receivers, lights: Lights, first: int, step: int, count: int
 ) -> None:
-    """Put samples in the first `count` lanes of a packet: one in all (step 0), or those that follow it (step 1)."""
-    origins, up = receivers.origins, lights.up
+    """Put samples in the lanes of a packet: one in all (step 0), or `count` that follow it (step 1)."""
+    taken = count if step else 1
+    for lane in range(taken):
+        _take_sample(packet, lanes, receivers, first + lane, lane)
+    used = 1.0 - step
+    for lane in range(taken, _LANES):
+        for row in range(3):
+            at = row * _LANES
+            packet[_ORIGIN + at + lane] = packet[_ORIGIN + at]
+            lanes[_GEOMETRIC + at + lane] = used * lanes[_GEOMETRIC + at]  # 0 faces no end of an axis
+            lanes[_SHADING + at + lane] = used * lanes[_SHADING + at]
+    up_x, up_y, up_z = lights.up[0], lights.up[1], lights.up[2]
     for lane in range(_LANES):
-        sample, used = (first + step * lane, 1.0) if lane < count else (first, 0.0)
-        for dimension in range(3):
-            at = dimension * _LANES + lane
-            packet[_ORIGIN + at] = origins[sample, dimension]
-            lanes[_GEOMETRIC + at] = used * receivers.geometric[sample, dimension]  # 0 faces no end of an axis
-            lanes[_SHADING + at] = used * receivers.shading[sample, dimension]
-        height = up[0] * origins[sample, 0] + up[1] * origins[sample, 1] + up[2] * origins[sample, 2] - lights.ground
-        lanes[_HEIGHT + lane] = _IN_GROUND if receivers.in_ground[sample] else max(height, 0.0)
+        x, y, z = packet[_ORIGIN + lane], packet[_ORIGIN + _LANES + lane], packet[_ORIGIN + 2 * _LANES + lane]
+        height = up_x * x + up_y * y + up_z * z - lights.ground
+        lanes[_HEIGHT + lane] = _IN_GROUND if height < lights.deepest else max(height, 0.0)
+
+
+@_inlined
+def _take_sample(packet: Float32Array, lanes: Float64Array, receivers: Receivers, sample: int, lane: int) -> None:
+    """Put a sample in a lane: where its rays start, g and n; these are 0 where it is on no face."""
+    face = receivers.faces[sample]
+    shading_length = towards = 0.0
+    for dimension in range(3):
+        at = dimension * _LANES + lane
+        position = shading = geometric = 0.0
+        if face >= 0:
+            geometric = np.float64(receivers.geometric[face, dimension])
+            for corner in range(3):
+                weight = np.float64(receivers.weights[sample, corner])
+                position += weight * receivers.positions[receivers.corners[face, corner], dimension]
+                shading += weight * receivers.shading[face, corner, dimension]
+        packet[_ORIGIN + at] = position + receivers.offset * geometric
+        lanes[_GEOMETRIC + at], lanes[_SHADING + at] = geometric, shading
+        towards += shading * geometric
+        shading_length += shading * shading
+    for dimension in range(3):
+        at = dimension * _LANES + lane
+        if towards > 0.0:
+            lanes[_SHADING + at] /= math.sqrt(shading_length)
+        else:
+            lanes[_SHADING + at] = lanes[_GEOMETRIC + at]
 
 
 @_inlined

@@ -1,16 +1,16 @@
 """Visibility of samples by rays: one at a time, with all that an integrand asks for, or in packets, which is faster."""
 
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.normalized_surface import NormalizedSurface
+from aoprecalc.mesh.normalized_surface import ON_GROUND, NormalizedSurface
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import Samples
+from aoprecalc.raster.layout import Samples, morton_codes
 from aoprecalc.system import whole_cores
-from aoprecalc.types import Float32Array, Float64Array
+from aoprecalc.types import Float32Array, Float64Array, Int64Array
 from aoprecalc.visibility.embree import OcclusionScene, casts_packets
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.rays import FAR, RayCaster
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # 32-bit positions are good to 1e-7. With ten times as much, rays near a concave edge start behind the neighbouring
 # face, which then cannot occlude them.
 RAY_OFFSET = 1e-5
+_CELLS = 4095  # of the octahedral map along both sides, in which axes are sorted
 _SIGNS = (1.0, -1.0)  # of the two directions of an axis
 
 
@@ -116,18 +117,18 @@ class PacketTester:
         """Return the visibility sums of the samples, see VisibilityTester."""
         from aoprecalc.visibility.packets import Receivers, visibility_sums  # numba takes half a second
 
-        with_face = np.flatnonzero(samples.faces >= 0).astype(np.int32)
-
-        def receivers(part: slice) -> Receivers:
-            _, origins, normals, geometric = ray_origins(self._surface, samples.select(with_face[part]))
-            return Receivers(origins, normals, geometric, self._surface.is_under_ground(origins))
-
-        lights, columns = self._lights(axes), self._integrand.columns
-        sums = np.zeros((len(samples.faces), columns), np.float32)
-        sums[with_face] = visibility_sums(
-            self._scene, receivers, len(with_face), lights, columns, self._texels, self._threads, progress
+        surface, integrand = self._surface, self._integrand
+        receivers = Receivers(
+            faces=_plain(samples.faces, np.int32),
+            weights=_plain(samples.weights, np.float32),
+            corners=_plain(surface.faces, np.int32),
+            positions=_plain(surface.positions, np.float32),
+            shading=_plain(surface.shading_normals, np.float32),
+            geometric=_plain(surface.geometric_normals, np.float32),
+            offset=RAY_OFFSET,
         )
-        return sums
+        lights = self._lights(axes[_order_of_axes(axes)])
+        return visibility_sums(self._scene, receivers, lights, integrand.columns, self._texels, self._threads, progress)
 
     def _lights(self, axes: Float64Array) -> "Lights":
         from aoprecalc.visibility.packets import Lights
@@ -141,4 +142,23 @@ class PacketTester:
             reach=min(integrand.max_distance / surface.unit, FAR),
             up=np.array(surface.ground_normal or (0.0, 0.0, 0.0)),
             ground=surface.ground_height,
+            deepest=-ON_GROUND if surface.buried else -inf,
         )
+
+
+def _plain(values: NDArray[np.generic], kind: type[np.generic]) -> NDArray[Any]:
+    """Return an array as compiled code takes it: it is compiled again for each other memory layout."""
+    return np.require(values, kind, ["C_CONTIGUOUS", "WRITEABLE"])
+
+
+def _order_of_axes(axes: Float64Array) -> Int64Array:
+    """Return an order of (a, 3) axes in which those that follow each other lie near each other: (a,) indices.
+
+    So the rays of a packet of directions go through the same boxes, and those of the next packet find them in the
+    processor's cache. The order is that of the Z-order curve on the octahedral map of the half sphere (Z. H. Cigolle et
+    al., "A Survey of Efficient Representations for Independent Unit Vectors", 2014).
+    """
+    upwards = axes * np.where(axes[:, 2:] < 0, -1.0, 1.0)
+    octahedral = upwards[:, :2] / np.abs(upwards).sum(axis=1, keepdims=True)
+    order: Int64Array = np.argsort(morton_codes(((octahedral + 1.0) * 0.5 * _CELLS).astype(np.int64)), kind="stable")
+    return order
