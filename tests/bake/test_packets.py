@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from aoprecalc.progress import Progress
-from aoprecalc.visibility import packets, rays
+from aoprecalc.visibility import packets, ray_testers, rays
 from aoprecalc.visibility.directions import light_axes
 from aoprecalc.visibility.integrand import Integrand
-from aoprecalc.visibility.ray_testers import PacketTester, RayTester
+from aoprecalc.visibility.ray_testers import PacketTester, RayTester, _order_of_axes
 from aoprecalc.visibility.rays import RayCaster
 from aoprecalc.visibility.sky import OvercastSky
 from bake.test_visibility import still
@@ -150,3 +150,23 @@ def test_receivers_take_no_memory_for_all_samples_at_once_seed_3():
     finally:
         tracemalloc.stop()
     assert most < 60 * len(samples.faces)  # a receiver takes a hundred bytes, and as much while it is computed
+
+
+def test_axes_that_follow_each_other_lie_near_each_other():
+    many = light_axes(1152)
+    order = _order_of_axes(many)
+    assert sorted(order.tolist()) == list(range(len(many)))
+
+    def way(axes):
+        return np.arccos(np.minimum(np.abs((axes[1:] * axes[:-1]).sum(axis=1)), 1)).sum()
+
+    assert way(many[order]) < 0.3 * way(many)
+
+
+@BOTH
+def test_the_order_of_axes_changes_no_sum_beyond_rounding_seed_3(of_samples, monkeypatch):
+    surface, samples = still(3)
+    found = packed(surface, Integrand(), samples, of_samples=of_samples, monkeypatch=monkeypatch)
+    monkeypatch.setattr(ray_testers, "_order_of_axes", lambda axes: np.arange(len(axes))[::-1])
+    other = packed(surface, Integrand(), samples, of_samples=of_samples, monkeypatch=monkeypatch)
+    assert other == pytest.approx(found, rel=1e-6)
