@@ -17,8 +17,9 @@ from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, build_layout
 from aoprecalc.types import Texels
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.gather import LocalVisibility, gather
+from aoprecalc.visibility.gather import gather
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.source import LocalVisibility
 from gltf_kit.baked_by_hand import make_atlas
 from gltf_kit.gltf_animated import (
     HINGE,

@@ -13,8 +13,9 @@ from aoprecalc.progress import Progress
 from aoprecalc.uv.fill import PageSpec
 from aoprecalc.uv.unwrap import unwrap
 from aoprecalc.visibility.backend import GLBackend
-from aoprecalc.visibility.gather import LocalVisibility, gather
+from aoprecalc.visibility.gather import gather
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.source import LocalVisibility
 from shapes import bowl, box, cap, clutter, join, scene, torus
 
 SIZE = 80

@@ -12,8 +12,9 @@ from aoprecalc.render.comparison import PAGE, grey_picture
 from aoprecalc.render.figures import BACKGROUND, bake_figures, figure_sheet, trace_direction
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.directions import light_axes
-from aoprecalc.visibility.gather import LocalVisibility, gather, gather_one_direction
+from aoprecalc.visibility.gather import gather
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.source import LocalVisibility, gather_one_direction
 from shapes import ball, box, clutter, disc, join, quad, quad_uvs, rotation, scene, triangle_a_cell
 
 BACKENDS = ["gl", "ray"]

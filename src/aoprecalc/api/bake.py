@@ -30,8 +30,8 @@ from aoprecalc.options import BakeOptions, PreviewOptions, VerifyOptions, names_
 from aoprecalc.options.fields import option_files
 from aoprecalc.progress import Progress, StageTimer, notes_of, tell, warnings_of
 from aoprecalc.types import Baked, BoolArray, Float32Array, Picture
-from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.rays import require_embreex
+from aoprecalc.visibility.source import LocalVisibility, VisibilityFactory
 
 if TYPE_CHECKING:
     from aoprecalc.api.figures import BakeFigures

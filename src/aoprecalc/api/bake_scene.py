@@ -20,11 +20,12 @@ from aoprecalc.types import CONFIDENCE, Baked, Certificate, DarkTexels, Scene, T
 from aoprecalc.visibility.backend import Backend, open_backend
 from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.directions import DirectionPlan
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, VisibilityFactory, gather
+from aoprecalc.visibility.gather import TexelOcclusion, gather
 from aoprecalc.visibility.map_error import warnings_on_maps
 from aoprecalc.visibility.plan import GatherPlan, plan_gather
 from aoprecalc.visibility.rays import require_embreex
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide
+from aoprecalc.visibility.source import LocalVisibility, VisibilityFactory
 
 
 def bake_scene(

@@ -25,8 +25,8 @@ from aoprecalc.types import Atlas, Baked, BoolArray, DarkTexels, Float32Array, F
 from aoprecalc.uv.checks import RasterizerFactory, needs_uvs
 from aoprecalc.uv.tiles import UdimTile, udim_tiles
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory
 from aoprecalc.visibility.integrand import Integrand
+from aoprecalc.visibility.source import LocalVisibility, VisibilityFactory
 
 _MAX_TEXTURES = 1000
 _SIZE_OF_CHECK = 1024  # of a texture whose size is not known yet

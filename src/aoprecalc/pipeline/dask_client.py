@@ -36,8 +36,8 @@ from aoprecalc.pipeline.workers import JobEvent
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import Samples
 from aoprecalc.types import Float32Array
-from aoprecalc.visibility.gather import TexelRequest
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
+from aoprecalc.visibility.source import TexelRequest
 
 _CLUSTER_TIMEOUT = 30  # seconds for a scheduler to answer, and to have a worker
 _POLL_SECONDS = 1  # between two checks that there are workers

@@ -19,7 +19,7 @@ from aoprecalc.options.fields import option_files, with_files
 from aoprecalc.progress import Progress
 from aoprecalc.system import path_from
 from aoprecalc.types import Float32Array
-from aoprecalc.visibility.gather import LocalVisibility, TexelRequest, VisibilityFactory
+from aoprecalc.visibility.source import LocalVisibility, TexelRequest, VisibilityFactory
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from aoprecalc.pipeline.jobs import Failure, Job, VisibilitySums, VisibilityTask
 from aoprecalc.progress import Progress
 from aoprecalc.subprocesses import StepCallback, serve
 from aoprecalc.visibility.backend import open_backend
-from aoprecalc.visibility.gather import LocalVisibility, VisibilityFactory, VisibilitySource
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.source import LocalVisibility, VisibilityFactory, VisibilitySource
 
 
 class VisibilityWorker:

@@ -25,9 +25,9 @@ from aoprecalc.render.preview import REACH, Panel, Stage, open_stage
 from aoprecalc.types import Baked, Float64Array, Picture, SphereSet, Texture, TexturedMesh
 from aoprecalc.visibility.backend import open_backend
 from aoprecalc.visibility.directions import MAX_SHADOW_SIZE, upright_projection
-from aoprecalc.visibility.gather import gather_one_direction
 from aoprecalc.visibility.plan import FIT_CHUNK
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.source import gather_one_direction
 
 BACKGROUND = (66, 98, 146)  # of depth maps: no grey
 _NEAREST, _FARTHEST = 0.94, 0.10  # their greys

@@ -28,10 +28,11 @@ from aoprecalc.types import (
 )
 from aoprecalc.visibility.backend import Backend, RayBackend
 from aoprecalc.visibility.directions import MIN_SHADOW_SIZE, light_axes
-from aoprecalc.visibility.gather import LocalVisibility, TexelOcclusion, TexelRequest
+from aoprecalc.visibility.gather import TexelOcclusion
 from aoprecalc.visibility.ray_testers import RAY_OFFSET
 from aoprecalc.visibility.rays import RayCaster, embreex_problem
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup
+from aoprecalc.visibility.source import LocalVisibility, TexelRequest
 
 _LOOK_SIZE, _LOOK_DIRECTIONS = 256, 64  # twice as many each lower the error by less than 1%
 

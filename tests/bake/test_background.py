@@ -4,7 +4,7 @@ from threading import Event, get_ident
 
 import pytest
 
-from aoprecalc.background import Background
+from aoprecalc.visibility.gather import Background
 
 PATIENCE = 60  # seconds, after which something that never happens counts as a failure
 
