@@ -9,6 +9,7 @@ from aoprecalc.progress import Progress
 from aoprecalc.raster.cpu_rasterizer import CPURasterizer
 from aoprecalc.raster.layout import CENTER, build_layout
 from aoprecalc.types import Atlas
+from aoprecalc.visibility import directions
 from aoprecalc.visibility.directions import convex_hull_points, fit_projections, light_axes
 from aoprecalc.visibility.integrand import Integrand
 from aoprecalc.visibility.ray_testers import RayTester
@@ -91,3 +92,12 @@ def test_projections_hold_every_point_with_a_margin(shape):
     # Rows are lengths over pitch: one map texel aside is one pitch.
     lengths = np.linalg.norm(projections.rows[:, :2, :3], axis=2)
     assert lengths * projections.pitch == pytest.approx(1)
+
+
+def test_points_in_parts_give_the_same_bits_seed_8(monkeypatch):
+    points, axes = np.random.default_rng(8).normal(size=(1001, 3)), light_axes(20)
+    whole = fit_projections(axes, points, 256)
+    monkeypatch.setattr(directions, "_PROJECTED", 2000)  # parts of about 100 points
+    in_parts = fit_projections(axes, points, 256)
+    assert np.array_equal(in_parts.rows, whole.rows)
+    assert np.array_equal(in_parts.pitch, whole.pitch)

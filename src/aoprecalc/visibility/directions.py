@@ -31,6 +31,7 @@ _SIZING_AXES = 128  # over which the extent of maps is averaged
 
 _ROTATIONS = 16  # about the axis that are tried for the smallest rectangle
 _PARALLEL = 1e-3  # length of the product of two unit vectors below which they count as parallel
+_PROJECTED = 1 << 18  # coordinates at a time: bounds memory, and the processor's cache holds them
 _MARGIN = 1.0  # map texels around what receives: for the neighbours that are read, and so that rounding leaves no tile
 
 
@@ -172,6 +173,7 @@ def fit_projections(
     ground_normal   the unit vector away from the ground plane, if there is one
     """
     across, upward = orthonormal_basis(axes)
+    points = np.ascontiguousarray(hull.T)
     longest = np.linalg.svd(hull - hull.mean(axis=0), full_matrices=False)[2][0]
     # Align the map with the longest extent, so that thin objects get a thin map.
     along_longest = np.arctan2(upward @ longest, across @ longest)
@@ -182,8 +184,7 @@ def fit_projections(
     for angle in [along_longest, *angles]:
         cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
         sides = np.stack([cosine * across + sine * upward, cosine * upward - sine * across], axis=1)
-        projected = sides @ hull.T
-        low, high = projected.min(axis=2), projected.max(axis=2)
+        low, high = _bounds(sides, points)
         # A flat object seen edge-on has no width; a map texel is never taller than a thousand times its width.
         extent = np.maximum(high - low, 1e-3 * (high - low).max(axis=1, keepdims=True))
         area = extent.prod(axis=1)
@@ -197,6 +198,15 @@ def fit_projections(
     rows[:, 2, :3] = axes
     below = np.zeros(len(axes)) if ground_normal is None else -np.sign(axes @ ground_normal)
     return Projections(rows, pitch, below)
+
+
+def _bounds(sides: Float64Array, points: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the least and the greatest of points, (3, h), along both sides of maps, (a, 2, 3): (a, 2) each."""
+    # Parts of about one size: products of a single point are rounded in another way.
+    parts = np.array_split(points, max(1, 2 * len(sides) * points.shape[1] // _PROJECTED), axis=1)
+    projected = (sides @ part for part in parts)
+    low, high = zip(*((part.min(axis=2), part.max(axis=2)) for part in projected), strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
 
 
 def upright_projection(
