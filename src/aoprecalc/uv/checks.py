@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from aoprecalc.raster.layout import (
 from aoprecalc.types import Atlas, BoolArray, Scene, UvCheck
 
 RasterizerFactory = Callable[[Layout], Rasterizer]
+
+# The faces with area, (f,) bool, of scenes in use: they are asked for at every step of a bake.
+_WITH_AREA: WeakKeyDictionary[Scene, BoolArray] = WeakKeyDictionary()
 
 MAX_OVERLAP = 0.001  # share of the covered texels inside two triangles, and of the surface without area in UV space
 
@@ -59,6 +63,8 @@ def check_uvs(
 
 def surface_share(scene: Scene, faces: BoolArray) -> float:
     """Return the share of the surface that needs UVs which some of its faces, (f,) bool, are."""
+    if not faces.any():
+        return 0.0
     areas = np.linalg.norm(area_vectors(scene.corners), axis=1)
     return float(areas[faces].sum() / areas[needs_uvs(scene)].sum())
 
@@ -69,7 +75,9 @@ def needs_uvs(scene: Scene) -> BoolArray:
     Raises InputError where there are none.
     """
     baked = scene.receives & scene.per_face(part.uv_owner is None for part in scene.parts)
-    with_area: BoolArray = baked & face_normals(scene.corners)[1]
+    if scene not in _WITH_AREA:
+        _WITH_AREA[scene] = face_normals(scene.corners)[1]
+    with_area: BoolArray = baked & _WITH_AREA[scene]
     if not with_area.any():
         raise InputError(
             f"{scene.path}: none of {counted(np.count_nonzero(baked), 'face')} has area; expected a surface to bake"

@@ -49,10 +49,12 @@ def udim_tiles(
     width, height   of the texture of a tile, at which overlaps are found
     """
     needed = needs_uvs(scene)
+    if not any(_are_tiles(uvs[needed], _tile_corners(uvs[needed])) for uvs in scene.uv_sets):
+        return ()  # without the checks below, which take long
     for uv_set, uvs in enumerate(scene.uv_sets):
         if not check_uvs(make_rasterizer, scene, uv_set, width, height)[0].fault:
             return ()
-        corners = np.floor(uvs.mean(axis=1))
+        corners = _tile_corners(uvs)
         if not _are_tiles(uvs[needed], corners[needed]) or _cut_polygons(corners, polygons, needed):
             continue
         numbers = (_FIRST + corners @ (1, _COLUMNS)).astype(np.int64)
@@ -63,6 +65,12 @@ def udim_tiles(
         if not any(check_uvs(make_rasterizer, tile.scene(scene), uv_set, width, height)[0].fault for tile in tiles):
             return tuple(tiles)
     return ()
+
+
+def _tile_corners(uvs: Float64Array) -> Float64Array:
+    """Return the least UVs of the unit square in which the middle of each of (n, 3, 2) faces lies, (n, 2)."""
+    corners: Float64Array = np.floor(uvs.mean(axis=1))
+    return corners
 
 
 def _are_tiles(uvs: Float64Array, corners: Float64Array) -> bool:
