@@ -60,6 +60,17 @@ def test_the_first_step_goes_against_the_area_s_differences(seed):
     assert clear >= 6
 
 
+def test_each_step_sees_the_next_views():
+    """Half of the views want everything covered, the other half nothing."""
+    wanted = np.zeros((len(VIEWS), 96, 96), bool)
+    wanted[:10] = True
+    descent = SilhouetteDescent(np.zeros((1, 3)), np.full(1, 0.5), wanted, VIEWS, 10)
+    descent.step(1.0)
+    assert descent.radii[0] == pytest.approx(0.5 + PIXEL, rel=1e-9)
+    descent.step(1.0)
+    assert 0.5 < descent.radii[0] < 0.5 + PIXEL
+
+
 def test_a_sphere_inside_grows_one_outside_shrinks():
     wanted = silhouettes(shapes.ball(3))
     for radius, side in ((0.5, 1), (1.4, -1)):

@@ -124,12 +124,22 @@ def disc_spans(columns: Float64Array, rows: Float64Array, radii: Float64Array, r
 
 def span_counts(spans: DiscSpans, views: int, resolution: int) -> Int32Array:
     """Return how many spans cover each pixel, (views, resolution, resolution) int32."""
-    pitch = resolution + 1  # a span may stop after the last column
-    counts: Int32Array = np.zeros(views * resolution * pitch, np.int32)
-    np.add.at(counts, spans.row * pitch + spans.start, np.int32(1))
-    np.subtract.at(counts, spans.row * pitch + spans.stop, np.int32(1))
-    np.cumsum(counts, out=counts)  # through all rows at once: the changes of each sum to 0
-    return counts.reshape(views, resolution, pitch)[..., :resolution]
+    return _counts_by_column(spans, views, resolution).transpose(1, 2, 0)
+
+
+def _counts_by_column(spans: DiscSpans, views: int, resolution: int) -> Int32Array:
+    """Return what `span_counts` does, with the columns first, (resolution, views, resolution) int32.
+
+    So the sums along rows add whole columns, which NumPy does in a third of the time of a sum along memory.
+    """
+    rows = views * resolution
+    counts: Int32Array = np.zeros((resolution + 1, rows), np.int32)  # a span may stop after the last column
+    flat = counts.reshape(-1)
+    np.add.at(flat, spans.start * rows + spans.row, np.int32(1))
+    np.subtract.at(flat, spans.stop * rows + spans.row, np.int32(1))
+    for column in range(1, resolution):
+        np.add(counts[column - 1], counts[column], out=counts[column])
+    return counts[:resolution].reshape(resolution, views, resolution)
 
 
 def span_sums(spans: DiscSpans, images: Float32Array, discs: int) -> Float64Array:
@@ -218,22 +228,23 @@ class SilhouetteDescent:
         size = views.resolution
         columns, rows = views.project(self.centers)
         radii = self.radii * views.pixels_per_unit
-        counts = np.pad(spheres_per_pixel(self.centers, self.radii, views), ((0, 0), (1, 1), (1, 1)))
+        spans = disc_spans(columns, rows, radii, size)
+        counts = _counts_by_column(spans, len(index), size)
 
         samples = self._samples
         angles = 2 * np.pi * (np.arange(samples) + self._steps * INV_GOLDEN_RATIO % 1.0) / samples
         cos, sin = np.cos(angles), np.sin(angles)
         x = columns[..., None] + cos * radii[:, None]  # (d, n, samples)
         y = rows[..., None] + sin * radii[:, None]
-        column = np.clip(np.floor(x) + 1, 0, size + 1)
-        row = np.clip(np.floor(y) + 1, 0, size + 1)
+        column, row = (np.clip(np.floor(each), -1, size).astype(np.int64) for each in (x, y))
+        outside = (column < 0) | (column >= size) | (row < 0) | (row >= size)
         view = np.arange(len(index))[:, None, None]
-        pixel = ((view * (size + 2) + row) * (size + 2) + column).astype(np.int64)
+        in_counts = (column * len(index) + view) * size + row  # any pixel, if it is outside
+        in_signs = (index[:, None, None] * (size + 2) + (row + 1)) * (size + 2) + (column + 1)
         # A sample counts if no other disc covers its pixel: all that do, minus its own.
-        own = (column - 0.5 - columns[..., None]) ** 2 + (row - 0.5 - rows[..., None]) ** 2 <= radii[:, None] ** 2
-        outside = (x < 0) | (x >= size) | (y < 0) | (y >= size)
-        exposed = (np.take(counts.ravel(), pixel) == own) | outside
-        signs = np.where(exposed, np.take(self._signs[index].ravel(), pixel), 0)
+        own = (column + 0.5 - columns[..., None]) ** 2 + (row + 0.5 - rows[..., None]) ** 2 <= radii[:, None] ** 2
+        exposed = (np.take(counts.reshape(-1), in_counts, mode="clip") == own) | outside
+        signs = np.where(exposed, np.take(self._signs.reshape(-1), in_signs), 0)
         arc = 2 * np.pi * radii / samples  # length of outline per sample
         across, upward, outward = (signs @ cos) * arc, (signs @ sin) * arc, signs.sum(axis=2) * arc
         gradient = np.empty((len(radii), 4))
