@@ -59,6 +59,18 @@ def test_errors_are_raised(inline):
         list(background.made_ahead(lambda item: 1 // item, [1, 0]))
 
 
+def test_an_error_is_raised_by_the_next_call_once():
+    done, called = Event(), []
+    with Background(inline=False) as background:
+        background.do(lambda: 1 / 0)
+        list(background.made_ahead(lambda item: done.set(), [0]))
+        assert done.is_set()
+        with pytest.raises(ZeroDivisionError):
+            background.do(called.append, 1)
+        background.do(called.append, 2)
+    assert called == [2]
+
+
 def test_after_an_error_of_the_caller_what_waits_is_dropped(monkeypatch):
     started, release, done = Event(), Event(), []
 

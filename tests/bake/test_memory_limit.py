@@ -72,15 +72,19 @@ sys.exit(ended.returncode)
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the most memory of a child is in the unit of Linux")
-@pytest.mark.parametrize("outputs", [(), ("--bent-normals", "bent.png")], ids=["ao", "bent-normals"])
-def test_the_least_limit_that_is_told_is_kept_and_gives_the_same_bytes(tmp_path, outputs):
+@pytest.mark.parametrize(
+    "words",
+    [("-n", "128"), ("-n", "128", "--bent-normals", "bent.png"), ("-n", "128", "--backend", "ray"), ()],
+    ids=["ao", "bent-normals", "rays", "interleaved rays"],
+)
+def test_the_least_limit_that_is_told_is_kept_and_gives_the_same_bytes(tmp_path, words):
     square = trimesh.visual.TextureVisuals(uv=[(0, 0), (1, 0), (1, 1), (0, 1)])
     corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
     trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=square, process=False).export(tmp_path / "square.ply")
 
     def bake(*limit):
-        words = ["bake", "square.ply", "--size", "2048", "-n", "128", "--unwrap", "keep", "-q", *outputs, *limit]
-        command = [sys.executable, "-c", MEASURE, sys.executable, "-m", "aoprecalc", *words]
+        options = ["--size", "2048", "--unwrap", "keep", "-q", *words, *limit]
+        command = [sys.executable, "-c", MEASURE, sys.executable, "-m", "aoprecalc", "bake", "square.ply", *options]
         ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         return ended.returncode, ended.stderr, int(ended.stdout.split()[-1]) / 1024
 

@@ -70,6 +70,7 @@ def _far_apart(count: int) -> IntArray:
     for bit in range(bits):
         reversed_bits |= ((numbers >> bit) & 1) << (bits - 1 - bit)
     order: IntArray = reversed_bits[reversed_bits < count]
+    order.flags.writeable = False  # one array for all callers
     return order
 
 
@@ -148,8 +149,8 @@ class Page:
     def _places(self, shape: _Shape, first: int, stop: int) -> Iterator[int]:
         """Yield the places, indices of cells in rows `first` to `stop` - 1, from which no cell of an outline is taken.
 
-        That is enough for charts that are larger than what is put already would be inside. The first cells of the
-        outline are tested at all places, eight of them in a byte, and the others where these are free.
+        What lies inside the outline is not tested. The first cells of the outline are tested at all places, eight of
+        them in a byte, and the others where these are free.
         """
         _, height, width = self._packed.shape
         stride, cells, packed = 8 * width, self._taken.reshape(-1), self._packed.reshape(8, height * width)

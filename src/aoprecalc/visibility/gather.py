@@ -6,7 +6,7 @@ An axis is a pair of opposite light directions, given by one unit vector.
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from types import TracebackType
 from typing import ParamSpec, Self, TypeVar
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from aoprecalc.mesh.roles import in_poses
 from aoprecalc.raster.layout import Samples, area_per_texel, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage
+from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
 from aoprecalc.visibility.directions import texel_offset
 from aoprecalc.visibility.integrand import sampling_error
@@ -61,7 +62,8 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
     difference tells the error. At most `chunk_size` texels are processed at a time. By rays neighbouring texels
     may take different groups, see `interleaving`.
     """
-    with Background(inline=setup.backend.kind == "gl") as background:  # OpenGL belongs to one thread
+    one_thread = (setup.inputs.options.threads or whole_cores()) == 1
+    with Background(inline=one_thread or setup.backend.kind == "gl") as background:  # OpenGL belongs to one thread
         gathering = _Gathering(setup, side, source, chunk_size, background)
         if setup.interleaved:
             gathering.interleave()
@@ -73,8 +75,8 @@ def gather(setup: BakeSetup, side: SurfaceSide, source: VisibilitySource, chunk_
 class Background:
     """A thread that does what it is asked for, in that order, during a `with` block.
 
-    So NumPy computes what is needed next while compiled code, which does not hold the interpreter's lock, runs on the
-    other cores.
+    So NumPy computes what is needed next, and works on what was found last, while compiled code, which does not hold
+    the interpreter's lock, runs on the other cores.
     """
 
     def __init__(self, *, inline: bool) -> None:
@@ -104,7 +106,10 @@ class Background:
         self._waiting.append(self._thread.submit(function, *args, **named))
 
     def made_ahead(self, make: Callable[[_Item], _Made], items: Iterable[_Item]) -> Iterator[tuple[_Item, _Made]]:
-        """Yield items and what is made of each, that of the next one while the caller works on this one."""
+        """Yield items and what is made of each, that of the next one while the caller works on this one.
+
+        What is made for a caller that ends early is dropped.
+        """
         if self._thread is None:
             yield from ((item, make(item)) for item in items)
             return
@@ -154,8 +159,7 @@ class _Gathering:
         self._source.expect(requests)
         sampled = self._background.made_ahead(self._sample, requests)
         for group in groups:
-            for _ in slices:
-                request, (samples, points) = next(sampled)
+            for request, (samples, points) in islice(sampled, len(slices)):
                 sums = self._source.visibility_sums(points, request)
                 self._halves[group % 2, request.rows] += sums
                 self._background.do(self._fit, samples, sums, group)
@@ -217,20 +221,18 @@ class _Gathering:
         own_of_chunks = [own[part] for part in chunks(len(own), self._chunk_size)]
         chosen_chunks = list(zip(self._chunks(chosen), own_of_chunks, strict=True))
 
-        def others(group: int, rows: Int32Array) -> TexelRequest:
-            return TexelRequest(group, rows[groups[rows] != group])
-
-        def sample(part: tuple[int, Int32Array, Float32Array]) -> tuple[Samples, Samples]:
+        def sample(part: tuple[int, Int32Array, Float32Array]) -> tuple[Samples, Samples, BoolArray]:
             group, rows, _ = part
-            samples = self._setup.texel_samples(self._side, rows, group)
-            return samples, self._setup.measured(self._side, samples.select(groups[rows] != group))
+            samples, is_other = self._setup.texel_samples(self._side, rows, group), groups[rows] != group
+            return samples, self._setup.measured(self._side, samples.select(is_other)), is_other
 
         parts = [(group, rows, own_sums) for group in range(GROUPS) for rows, own_sums in chosen_chunks]
-        self._source.expect(others(group, rows) for group, rows, _ in parts if (groups[rows] != group).any())
-        for (group, rows, own_sums), (samples, points) in self._background.made_ahead(sample, parts):
-            sums, is_other = own_sums.copy(), groups[rows] != group
+        others = ((group, rows[groups[rows] != group]) for group, rows, _ in parts)
+        self._source.expect(TexelRequest(group, rows) for group, rows in others if len(rows))
+        for (group, rows, own_sums), (samples, points, is_other) in self._background.made_ahead(sample, parts):
+            sums = own_sums.copy()
             if is_other.any():
-                sums[is_other] = self._source.visibility_sums(points, others(group, rows))
+                sums[is_other] = self._source.visibility_sums(points, TexelRequest(group, rows[is_other]))
             self._halves[group % 2, rows] += sums
             self._background.do(self._fit, samples, sums, group)
 

@@ -248,7 +248,7 @@ def _add_visibility(
 def _take_samples(
     packet: Float32Array, lanes: Float64Array, receivers: Receivers, lights: Lights, first: int, step: int, count: int
 ) -> None:
-    """Put samples in the lanes of a packet: one in all (step 0), or `count` that follow it (step 1)."""
+    """Put samples in the lanes of a packet: `first` in all (step 0), or `count` samples from `first` on (step 1)."""
     taken = count if step else 1
     for lane in range(taken):
         _take_sample(packet, lanes, receivers, first + lane, lane)

@@ -20,7 +20,7 @@ _MAX_FIT_CHUNKS = 8
 _PER_TEXTURE_TEXEL = 24  # the planes of the least-squares image
 _PER_WAITING_TEXEL = 16  # samples at one offset, in at most _WAITING texels, and room for more
 _PER_COVERED_TEXEL = 24  # its index, and the sums of both halves
-_PER_CHUNK_TEXEL = 60  # its sample, its receiver, its sums
+_PER_CHUNK_TEXEL = 72  # by rays the samples of three chunks and the sums of two; else a sample, its receiver, sums
 _PER_TEXTURE_TEXEL_SOLVING = 58  # while the least-squares image is solved and no visibility is computed
 _PER_CHUNK_TEXEL_SOLVING = 16  # freed memory that the allocator keeps during the solve
 # More where visibility vectors are gathered too: three values for each one.

@@ -147,7 +147,10 @@ class PacketTester:
 
 
 def _plain(values: NDArray[np.generic], kind: type[np.generic]) -> NDArray[Any]:
-    """Return an array as compiled code takes it: it is compiled again for each other memory layout."""
+    """Return an array as compiled code takes it; a copy of one that is read-only or not contiguous.
+
+    For another memory layout the code would be compiled again, which takes seconds.
+    """
     return np.require(values, kind, ["C_CONTIGUOUS", "WRITEABLE"])
 
 
