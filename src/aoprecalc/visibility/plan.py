@@ -52,7 +52,7 @@ class GatherPlan:
 def plan_gather(setup: BakeSetup) -> GatherPlan:
     """Return what suits the texels of a setup, within its limit of memory; raises what `texels_per_chunk` raises."""
     options, detail = setup.inputs.options, detail_of(setup.inputs.scene)
-    # Rays need no maps; to find the side that suits takes two kilobytes for each vertex of the convex hull.
+    # Rays need no maps: the side that suits is not looked for.
     by_rays = setup.backend.kind == "ray"
     shadow_size = options.shadow_size or (MIN_SHADOW_SIZE if by_rays else _auto_shadow_size(setup))
     chunk_size = texels_per_chunk(
