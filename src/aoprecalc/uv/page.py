@@ -20,7 +20,7 @@ IntArray = NDArray[np.intp]
 Tick = Callable[[], None]
 
 _CLASSES = 3  # of widths, and of heights, in a factor of two
-# How much is looked at together: little at first, as it may be enough, then more.
+# How much is tested together: little at first, as it may be enough, then more.
 _FIRST_ROWS, _MOST_ROWS = 16, 1024  # of the page
 _FIRST_BYTES, _MOST_BYTES = 4, 256  # of eight places each
 _GROWTH = 4
