@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from aoprecalc.api import bake_scene as api_bake_scene
 from aoprecalc.api.bake_scene import bake_scene
 from aoprecalc.api.checks import form_factor
 from aoprecalc.mesh.surface import sample_surface
@@ -218,6 +219,7 @@ def test_sharing_everywhere_would_blur_the_contact_shadow(monkeypatch):
 
 def test_where_nothing_is_shared_it_is_a_bake_with_as_many_directions(monkeypatch):
     monkeypatch.setattr(interleaving, "_MIN_COSINE", 2.0)
+    monkeypatch.setattr(api_bake_scene, "enough_directions", lambda setup: setup.directions)
     made = scene(*clutter(0))
     auto, fixed = (
         bake_scene(made, BakeOptions(size=64, backend="ray", directions=directions))

@@ -22,6 +22,7 @@ from aoprecalc.visibility.dark_texels import dark_texels
 from aoprecalc.visibility.directions import DirectionPlan
 from aoprecalc.visibility.gather import TexelOcclusion, gather
 from aoprecalc.visibility.map_error import warnings_on_maps
+from aoprecalc.visibility.pilot import enough_directions
 from aoprecalc.visibility.plan import GatherPlan, plan_gather
 from aoprecalc.visibility.rays import require_embreex
 from aoprecalc.visibility.setup import BakeInputs, BakeSetup, SurfaceSide
@@ -131,7 +132,13 @@ class _Run:
     def make(self, chosen: ChosenTexture, directions: DirectionPlan | None) -> _MadeTexture:
         """Make the texture of a size and UVs, with directions; None: as the options say."""
         scene, normals = self.prepared.scene, self.prepared.normals
-        setup = BakeSetup(self.backend, BakeInputs(scene, chosen.atlas, normals, chosen.options, directions))
+        inputs = BakeInputs(scene, chosen.atlas, normals, chosen.options, directions)
+        setup = BakeSetup(self.backend, inputs)
+        if directions is None and setup.interleaved:
+            with self.timer.stage("visibility"):
+                enough = enough_directions(setup)
+            if enough != setup.directions:
+                setup = BakeSetup(self.backend, replace(inputs, directions=enough))
         measured = _measure(setup, self.make_visibility, self.progress, self.timer)
         with self.timer.stage("finish"):
             return _MadeTexture(measured, _finish(measured, setup.inputs))

@@ -238,10 +238,11 @@ class BakeOptions(_TextureSize, ValueOptions):
     height: Annotated[int, Option(
         "Height of the texture; 0 where `size` is auto.", range=(0, _MAX_SIZE), unit="texels", part_of="size")] = 1024
     directions: Annotated[int | None, _visibility(
-        "Light directions, uniform on the sphere. auto: 1152, by rays fewer where visibility is smooth.", "-n",
+        "Light directions, uniform on the sphere. auto: 1152, by rays fewer where more would not pay.", "-n",
         common=True, range=(1, 1_000_000), default_text="auto", quantity=DIRECTIONS, none=AUTO,
-        more="auto: a texel takes a ninth of them and shares what it sees with its neighbours, or takes all where they "
-        "differ. A number: all texels take as many. They come in pairs, so an odd number is rounded up.")] = None
+        more="auto, by rays: 288 to 1152, fewer where the texture is too coarse to show more; a texel takes a ninth of "
+        "them and shares what it sees with its neighbours, or takes all where they differ. A number: every texel takes "
+        "as many. They come in pairs, so an odd number is rounded up.")] = None
     sampling: Annotated[Sampling, _visibility(
         "Take directions on a spherical Fibonacci lattice, or at random.",
         more="Random directions are antithetic pairs drawn from `seed`.")] = "fibonacci"

@@ -37,7 +37,7 @@ BORDER_RULES = {
 
 BAND_TEXELS = 1 << 22  # texels drawn at a time: bounds memory
 _TILE = 4  # texels a side: 16, as many as a packet has rays
-_BLOCK = 3 * _TILE  # texels a side: of a group of interleaved directions, every third a side, they fill a packet
+BLOCK = 3 * _TILE  # texels a side: of a group of interleaved directions, every third a side, they fill a packet
 _MORTON_BITS = 12  # of a coordinate
 
 
@@ -246,11 +246,11 @@ def order_in_blocks(index: Int64Array, width: int) -> Int64Array:
     index   (k,) of the texels, ascending
     """
     row, column = np.divmod(index, width)
-    columns = -(-width // _BLOCK)
-    blocks = np.column_stack(np.divmod(np.arange(columns * (int(row.max(initial=0)) // _BLOCK + 1)), columns))
-    code = morton_codes(blocks)[row // _BLOCK * columns + column // _BLOCK]
+    columns = -(-width // BLOCK)
+    blocks = np.column_stack(np.divmod(np.arange(columns * (int(row.max(initial=0)) // BLOCK + 1)), columns))
+    code = morton_codes(blocks)[row // BLOCK * columns + column // BLOCK]
     for place in (row, column):
-        code = code * (_BLOCK // _TILE) + place % _BLOCK // _TILE
+        code = code * (BLOCK // _TILE) + place % BLOCK // _TILE
     return index[np.argsort(code, kind="stable")]
 
 
