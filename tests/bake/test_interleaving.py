@@ -149,7 +149,7 @@ def slowly(texels, values):
     for row, column in difference:
         places = [(row + down, column + right) for down in range(-2, 3) for right in range(-2, 3)]
         squares = [square for place in places for square in changes.get(place, [])]
-        smooth[number(row, column)] = bool(squares) and np.mean(squares) <= 0.02**2
+        smooth[number(row, column)] = bool(squares) and np.mean(squares) <= interleaving._MAX_CHANGE**2
     return smooth
 
 
