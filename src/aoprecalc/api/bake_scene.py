@@ -132,13 +132,10 @@ class _Run:
     def make(self, chosen: ChosenTexture, directions: DirectionPlan | None) -> _MadeTexture:
         """Make the texture of a size and UVs, with directions; None: as the options say."""
         scene, normals = self.prepared.scene, self.prepared.normals
-        inputs = BakeInputs(scene, chosen.atlas, normals, chosen.options, directions)
-        setup = BakeSetup(self.backend, inputs)
+        setup = BakeSetup(self.backend, BakeInputs(scene, chosen.atlas, normals, chosen.options, directions))
         if directions is None and setup.interleaved:
-            with self.timer.stage("visibility"):
-                enough = enough_directions(setup)
-            if enough != setup.directions:
-                setup = BakeSetup(self.backend, replace(inputs, directions=enough))
+            with self.timer.stage("pilot sample"):
+                setup = setup.with_directions(enough_directions(setup))
         measured = _measure(setup, self.make_visibility, self.progress, self.timer)
         with self.timer.stage("finish"):
             return _MadeTexture(measured, _finish(measured, setup.inputs))

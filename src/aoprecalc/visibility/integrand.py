@@ -13,6 +13,7 @@ The visibility vector C is the same sum with each direction w in its numerator; 
 the light L(w) (E0 + E1.w) a point gets exactly AO E0 + C.E1.
 """
 
+import math
 from dataclasses import dataclass, replace
 from math import cos, inf, radians
 from typing import Self
@@ -119,10 +120,6 @@ def sampling_error(
 
     halves       (2, k, columns): visibility sums of the halves
     directions   how many each has used
-    Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
-    1 / sqrt(pq) times the error of the whole. But the halves of a uniform set complete each other: its error falls as
-    N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
-    are independent.
     """
     if not all(directions):
         return None
@@ -137,7 +134,18 @@ def sampling_error(
         texels += int(np.count_nonzero(measured_in_both))
     if not texels:
         return None
-    difference = np.sqrt(squares / texels)
+    return math.sqrt(squares / texels) * error_per_difference(directions, sampling)
+
+
+def error_per_difference(directions: list[int], sampling: Sampling) -> float:
+    """Return the error of both halves together over the difference between the two, RMS.
+
+    directions   how many each half has used
+    Let p and q be the halves' shares of the directions. If their errors were independent, their difference would be
+    1 / sqrt(pq) times the error of the whole. But the halves of a uniform set complete each other: its error falls as
+    N^-3/4, which makes the difference greater by sqrt(p^-1/2 + q^-1/2 - 1), 1.35 for equal halves. Random directions
+    are independent.
+    """
     p, q = np.divide(directions, sum(directions))
     correlation = 1.0 if sampling == "random" else p**-0.5 + q**-0.5 - 1.0
-    return float(difference * np.sqrt(p * q / correlation))
+    return float(np.sqrt(p * q / correlation))

@@ -12,28 +12,30 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from aoprecalc.mesh.roles import in_poses
 from aoprecalc.progress import Progress
 from aoprecalc.raster.layout import BLOCK, Samples, area_per_texel, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Float32Array, Float64Array, Int32Array, Int64Array, Texels
 from aoprecalc.visibility.directions import MIN_SHADOW_SIZE, DirectionPlan
-from aoprecalc.visibility.integrand import sampling_error
+from aoprecalc.visibility.integrand import error_per_difference
 from aoprecalc.visibility.interleaving import GROUPS
 from aoprecalc.visibility.setup import BakeSetup, SurfaceSide
 from aoprecalc.visibility.source import LocalVisibility, TexelRequest
 
 # Of the error of the resolution, that of sampling is to be at most this. Sharing makes the latter a quarter greater
-# (measured), so that both together are up to 5% more than the former.
+# (measured), so that both together are about 5% more than the former.
 _SHARE = 0.25
-_AXES = 16  # a packet of rays: the number of axes of a group is a multiple
-_DIRECTIONS_PER_AXIS = 2
+_LEAST_ERROR = 1e-6  # below it is rounding
+_STEP = 2 * GROUPS * 16  # directions: a group has as many axes as a packet has rays, or a multiple
 
-_MIN_BLOCKS, _MAX_BLOCKS = 8, 256  # in the pilot sample
-_FEW = 4  # times the least number of blocks, below which a bake is fast anyway
-_ONE_OF = 64  # blocks is in the sample: it takes a twentieth of the rays of a bake
-_OFFSETS = range(5)  # groups at whose offsets its texels are sampled
+_ONE_OF = 64  # blocks is in the pilot sample: that takes 3 to 7% of the rays of a bake with 1152 directions
+_MIN_BLOCKS, _MAX_BLOCKS = 8, 256  # in it: fewer tell little, and a bake of so small a texture is fast
+_MAX_DOUBT = 0.5  # standard error of the squared error of the resolution, relative: else a few blocks decide
+_OFFSETS = range(3)  # groups at whose offsets its texels are sampled
 _TAKEN = range(2)  # groups of axes that each of its samples takes
 _GAP = 2  # texels between blocks, so that no look-up reads two
 _CELL = BLOCK + 2 * _GAP  # texels a side, of a block among others
@@ -41,37 +43,35 @@ _CELL = BLOCK + 2 * _GAP  # texels a side, of a block among others
 
 @dataclass(frozen=True)
 class PilotErrors:
-    """What a pilot sample tells of the errors of a texture, RMS.
+    """What a pilot sample tells of the errors of a texture, RMS as rendered.
 
-    sampling     with a number of `directions`
-    resolution   what look-ups between texels miss, however many directions there are: the least that is likely
+    resolution   what look-ups between texels miss, however many directions there are
+    sampling     with a number of `directions`: the most that is likely beside that of the resolution
     """
 
+    resolution: float
     sampling: float
     directions: int
-    resolution: float
 
     def enough(self, plan: DirectionPlan, *, random: bool = False) -> DirectionPlan:
-        """Return a plan with as many directions as pay, at most its own; the error of `random` ones falls as N^-1/2."""
-        if not self.resolution:
+        """Return a plan with as many directions as are enough, at most its own; `random` ones have an error of N^-1/2."""
+        if min(self.sampling, self.resolution) < _LEAST_ERROR:
             return plan
         ratio = self.sampling / (_SHARE * self.resolution)
         need = self.directions * math.pow(ratio, 2.0 if random else 4 / 3)
-        step = GROUPS * _AXES * _DIRECTIONS_PER_AXIS
-        return replace(plan, count=int(min(plan.count, step * max(1, math.ceil(need / step)))))
+        return replace(plan, count=int(min(plan.count, _STEP * max(1, math.ceil(need / _STEP)))))
 
 
 def enough_directions(setup: BakeSetup) -> DirectionPlan:
-    """Return how many directions the texture of a setup is worth: at most as many as it has."""
-    errors = pilot_errors(setup)
-    if errors is None:
-        return setup.directions
-    return errors.enough(setup.directions, random=setup.inputs.options.sampling == "random")
+    """Return how many directions the texture of a setup is worth, by its most demanding side; at most its own."""
+    random = setup.inputs.options.sampling == "random"
+    found = [pilot_errors(setup, side) for side in setup.sides]
+    plans = [errors.enough(setup.directions, random=random) for errors in found if errors is not None]
+    return max(plans, key=lambda plan: plan.count, default=setup.directions)
 
 
-def pilot_errors(setup: BakeSetup) -> PilotErrors | None:
-    """Measure the errors on a pilot sample of the largest side; None where that has too few texels with a value."""
-    side = max(setup.sides, key=lambda side: len(side.texels))
+def pilot_errors(setup: BakeSetup, side: SurfaceSide) -> PilotErrors | None:
+    """Measure the errors on a pilot sample of a side; None where few blocks of texels have values."""
     rows, blocks = _pilot_texels(side.texels)
     if not len(rows):
         return None
@@ -79,33 +79,40 @@ def pilot_errors(setup: BakeSetup) -> PilotErrors | None:
     rows, blocks = np.tile(rows, len(_OFFSETS)), np.tile(blocks, len(_OFFSETS))
     source = LocalVisibility(setup, side, MIN_SHADOW_SIZE, len(rows), Progress())
     points = setup.measured(side, samples)
-    sums = np.stack([source.visibility_sums(points, TexelRequest(group, rows)) for group in _TAKEN])
+    halves = [source.visibility_sums(points, TexelRequest(group, rows)) for group in _TAKEN]
     taken = [setup.directions_of(group) for group in _TAKEN]
-    sampling = sampling_error(sums, taken, setup.integrand, setup.inputs.options.sampling)
-    values, measured = setup.integrand.estimate(sums.sum(axis=0), sum(taken))
+    integrand = setup.integrand
+    (first, in_first), (second, in_second) = map(integrand.estimate, halves, taken)
+    values, _ = integrand.estimate(halves[0] + halves[1], sum(taken))
     local = _positions_in_blocks(setup, side, samples, rows)
     # A sample of a face across the border of a repeating texture may lie elsewhere.
-    used = np.flatnonzero(measured & (np.abs(local - BLOCK / 2) < _CELL / 2).all(axis=1))
-    if sampling is None or not len(used):
+    used = np.flatnonzero(in_first & in_second & (np.abs(local - BLOCK / 2) < _CELL / 2).all(axis=1))
+    with_values, blocks = np.unique(blocks[used], return_inverse=True)
+    if len(with_values) < _MIN_BLOCKS:
         return None
-    areas = area_per_texel(setup.textured(side), setup.inputs.atlas, side.texels)
+    poses = in_poses(setup.inputs.scene, setup.inputs.normals)
+    areas = np.mean([area_per_texel(pose, setup.inputs.atlas, side.texels) for pose, _ in poses], axis=0)
     weights = areas[samples.faces[used]]
-    resolution = _resolution_error(local[used], 1 - values[used], weights, blocks[used])
-    return PilotErrors(sampling, sum(taken), resolution)
+    if not weights.any():
+        return None
+    difference = (first - second)[used] * error_per_difference(taken, setup.inputs.options.sampling)
+    missed = _missed(local[used], 1 - values[used], weights, blocks)
+    errors = _errors_of_blocks(missed, difference, weights, blocks)
+    return None if errors is None else PilotErrors(*errors, sum(taken))
 
 
 def _pilot_texels(texels: Texels) -> tuple[Int32Array, Int64Array]:
     """Return which texels are in the pilot sample, (n,), and the number of the block of each, (n,), from 0 on.
 
-    None where there are too few blocks to tell anything of the whole.
+    Both are empty where there are too few blocks.
     """
-    row, column = np.divmod(texels.index.astype(np.int64), texels.width)
-    block = row // BLOCK * (texels.width // BLOCK + 1) + column // BLOCK
+    row, column = np.divmod(texels.index, np.int32(texels.width))
+    block = row // BLOCK * np.int32(texels.width // BLOCK + 1) + column // BLOCK
     starts = np.flatnonzero(np.diff(block, prepend=-1))  # texels come block by block, see `order_in_blocks`
-    lengths = np.diff(starts, append=len(block))
-    count = max(_MIN_BLOCKS, min(len(starts) // _ONE_OF, _MAX_BLOCKS))
-    if len(starts) < _FEW * _MIN_BLOCKS:
+    count = min(len(starts) // _ONE_OF, _MAX_BLOCKS)
+    if count < _MIN_BLOCKS:
         return np.zeros(0, np.int32), np.zeros(0, np.int64)
+    lengths = np.diff(starts, append=len(block))
     chosen = (2 * np.arange(count) + 1) * len(starts) // (2 * count)
     rows = np.concatenate([np.arange(starts[at], starts[at] + lengths[at], dtype=np.int32) for at in chosen])
     return rows, np.repeat(np.arange(count), lengths[chosen])
@@ -124,25 +131,51 @@ def _positions_in_blocks(setup: BakeSetup, side: SurfaceSide, samples: Samples, 
     return local
 
 
-def _resolution_error(local: Float32Array, values: Float32Array, weights: Float64Array, blocks: Int64Array) -> float:
-    """Return what an image fitted to samples misses of them, RMS; of its square a standard error is taken off.
+def _missed(
+    local: Float32Array, values: Float32Array, weights: Float64Array, blocks: Int64Array
+) -> NDArray[np.floating]:
+    """Return what an image fitted to samples misses of each of them, (n,).
 
     local     (n, 2) positions in their blocks, which are laid out side by side in one image
     values, weights, blocks   (n,) of the samples
-    Blocks differ more than the samples in them, so the standard error is that between blocks: what one block alone
-    shows does not count. At other points the image misses more; the samples' own error makes up for that (measured).
+    At other points the image misses more. The samples' own error, which it misses too, makes up for that (measured).
     """
-    count = int(blocks.max()) + 1
-    across = math.ceil(math.sqrt(count))
+    across = math.ceil(math.sqrt(blocks.max() + 1))
     side = across * _CELL
     positions = local + (np.stack([blocks % across, blocks // across], axis=1) * _CELL + _GAP).astype(np.float32)
     image = LeastSquaresImage(side, side, repeats=False)
     image.add_samples(positions, values, weights)
     fitted = image.solve(image.mean_images()[0])
     uvs = np.stack([positions[:, 0], side - positions[:, 1]], axis=1).astype(np.float64) / side
-    missed = values - bilinear(fitted, uvs, repeats=False)
-    squares = np.bincount(blocks, weights * missed**2, count)
-    totals = np.bincount(blocks, weights, count)
-    mean = squares.sum() / totals.sum()
-    deviation = math.sqrt(count / (count - 1) * float(((squares - mean * totals) ** 2).sum())) / totals.sum()
-    return math.sqrt(max(mean - deviation, 0.0))
+    return values - bilinear(fitted, uvs, repeats=False)
+
+
+def _errors_of_blocks(
+    missed: NDArray[np.floating], difference: NDArray[np.floating], weights: Float64Array, blocks: Int64Array
+) -> tuple[float, float] | None:
+    """Return the errors of the resolution and of sampling, see `PilotErrors`; None where the first is too uncertain.
+
+    missed, difference   (n,) the errors of the samples
+    weights, blocks      (n,) of the samples
+    Standard errors are those between blocks, which differ most. Blocks with more of one error have more of the other,
+    too, so the quotient of both is more certain than each of them.
+    """
+    by_resolution, by_sampling, totals = (
+        np.asarray(np.bincount(blocks, of_samples), np.float64)
+        for of_samples in (weights * missed**2, weights * difference**2, weights)
+    )
+    resolution = float(by_resolution.sum() / totals.sum())
+    if not resolution or _standard_error(by_resolution, totals) > _MAX_DOUBT * resolution:
+        return None
+    quotient = by_sampling.sum() / by_resolution.sum() + _standard_error(by_sampling, by_resolution)
+    return math.sqrt(resolution), math.sqrt(resolution * quotient)
+
+
+def _standard_error(values: Float64Array, weights: Float64Array) -> float:
+    """Return the standard error of the quotient of the sums of values and of weights, (b,) of blocks that were drawn.
+
+    (W. G. Cochran, "Sampling Techniques", 1977, chapter 6: ratio estimators.)
+    """
+    differences = values - values.sum() / weights.sum() * weights
+    spread = float((differences**2).sum()) * len(values) / (len(values) - 1)
+    return math.sqrt(spread) / float(weights.sum())

@@ -5,7 +5,9 @@ An axis is a pair of opposite light directions, given by one unit vector.
 
 import math
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -80,17 +82,27 @@ class BakeSetup:
         self._rasterizer = backend.rasterizer(build_layout(scene, inputs.atlas, options.width, options.height))
         detail = detail_of(scene)
         self._projection = None if detail is None else Projection(scene, detail, options.threads)
-        self.directions = inputs.directions or DirectionPlan.from_options(options)
-        self.interleaved = self.directions.interleaved and backend.kind == "ray"
-        count = self.directions.count
-        size = math.ceil((count + 1) // 2 / GROUPS) if self.interleaved else GROUP_SIZE
-        self.axes: Float64Array = light_axes(count, options.sampling, options.seed, size)
-        self.groups = axis_groups(len(self.axes), size)
-        integrand = replace(Integrand.from_options(options, scene), vectors=options.bent_normals)
-        self.integrand = integrand.for_directions(np.concatenate([self.axes, -self.axes]))
+        self._take_directions(inputs.directions or DirectionPlan.from_options(options))
         self.texels = self._rasterizer.coverage()
         passes = baked_apart(scene if detail is None else detail.scene)
         self.sides = [side for baked in passes for side in self._sides(baked, whole=len(passes) == 1)]
+
+    def with_directions(self, directions: DirectionPlan) -> Self:
+        """Return a setup with other directions, which shares all else with this one."""
+        other = copy(self)
+        other.inputs = replace(self.inputs, directions=directions)
+        other._take_directions(directions)
+        return other
+
+    def _take_directions(self, directions: DirectionPlan) -> None:
+        options = self.inputs.options
+        self.directions = directions
+        self.interleaved = directions.interleaved and self.backend.kind == "ray"
+        size = math.ceil((directions.count + 1) // 2 / GROUPS) if self.interleaved else GROUP_SIZE
+        self.axes: Float64Array = light_axes(directions.count, options.sampling, options.seed, size)
+        self.groups = axis_groups(len(self.axes), size)
+        integrand = replace(Integrand.from_options(options, self.inputs.scene), vectors=options.bent_normals)
+        self.integrand = integrand.for_directions(np.concatenate([self.axes, -self.axes]))
 
     def _sides(self, scene: Scene, *, whole: bool) -> Iterator[SurfaceSide]:
         """Yield the front and, where some faces are two-sided, the back of a scene in a pass, perhaps the only one."""
