@@ -151,9 +151,11 @@ def test_it_takes_fewer_directions_with_other_options_too(options):
 def test_the_most_demanding_side_decides(monkeypatch):
     two_sided = setup_of(waves(*TOO_FINE), two_sided=True)
     assert len(two_sided.sides) == 2
-    found = iter([PilotErrors(0.04, 0.01, 256), PilotErrors(0.04, 0.02, 256)])
-    monkeypatch.setattr(pilot, "pilot_errors", lambda setup, side: next(found))
-    assert enough_directions(two_sided).count == 864
+    coarse, fine = PilotErrors(0.04, 0.01, 256), PilotErrors(0.04, 0.02, 256)
+    for errors, count in (((coarse, fine), 864), ((coarse, coarse), LEAST), ((coarse, None), AUTO_DIRECTIONS)):
+        found = iter(errors)
+        monkeypatch.setattr(pilot, "pilot_errors", lambda setup, side, found=found: next(found))
+        assert enough_directions(two_sided).count == count
 
 
 def test_a_setup_with_other_directions_is_one_made_with_them():

@@ -54,7 +54,10 @@ class PilotErrors:
     directions: int
 
     def enough(self, plan: DirectionPlan, *, random: bool = False) -> DirectionPlan:
-        """Return a plan with as many directions as are enough, at most its own; `random` ones have an error of N^-1/2."""
+        """Return a plan with as many directions as are enough, at most its own.
+
+        random   their error falls as N^-1/2
+        """
         if min(self.sampling, self.resolution) < _LEAST_ERROR:
             return plan
         ratio = self.sampling / (_SHARE * self.resolution)
@@ -63,15 +66,18 @@ class PilotErrors:
 
 
 def enough_directions(setup: BakeSetup) -> DirectionPlan:
-    """Return how many directions the texture of a setup is worth, by its most demanding side; at most its own."""
-    random = setup.inputs.options.sampling == "random"
-    found = [pilot_errors(setup, side) for side in setup.sides]
-    plans = [errors.enough(setup.directions, random=random) for errors in found if errors is not None]
-    return max(plans, key=lambda plan: plan.count, default=setup.directions)
+    """Return how many directions the texture of a setup is worth, by its most demanding side.
+
+    They are at most its own, and these where a side does not tell.
+    """
+    plan, random = setup.directions, setup.inputs.options.sampling == "random"
+    sides = [pilot_errors(setup, side) for side in setup.sides]
+    plans = [plan if errors is None else errors.enough(plan, random=random) for errors in sides]
+    return max(plans, key=lambda plan: plan.count)
 
 
 def pilot_errors(setup: BakeSetup, side: SurfaceSide) -> PilotErrors | None:
-    """Measure the errors on a pilot sample of a side; None where few blocks of texels have values."""
+    """Measure the errors on a pilot sample of a side; None where few blocks have values, or a few of these decide."""
     rows, blocks = _pilot_texels(side.texels)
     if not len(rows):
         return None
