@@ -13,8 +13,7 @@ from typing import ParamSpec, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.roles import in_poses
-from aoprecalc.raster.layout import Samples, area_per_texel, texel_positions
+from aoprecalc.raster.layout import Samples, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage
 from aoprecalc.system import whole_cores
 from aoprecalc.types import BoolArray, Float32Array, Int32Array, Texels
@@ -144,8 +143,7 @@ class _Gathering:
         self._background = background
         texels, atlas, columns = side.texels, setup.inputs.atlas, setup.integrand.columns
         self._image = LeastSquaresImage(texels.width, texels.height, repeats=atlas.repeats, channels=columns - 1)
-        poses = in_poses(setup.inputs.scene, setup.inputs.normals)
-        self._face_areas = np.mean([area_per_texel(pose, atlas, texels) for pose, _ in poses], axis=0)
+        self._face_areas = setup.area_per_texel(texels)
         self._halves = np.zeros((2, len(texels), columns), np.float32)  # the sums of even and of odd groups
         self._used = [0, 0]  # directions of each half
         self._per_texel = 0.0  # directions that a texel took itself, in the mean

@@ -13,9 +13,8 @@ The visibility vector C is the same sum with each direction w in its numerator; 
 the light L(w) (E0 + E1.w) a point gets exactly AO E0 + C.E1.
 """
 
-import math
 from dataclasses import dataclass, replace
-from math import cos, inf, radians
+from math import cos, inf, radians, sqrt
 from typing import Self
 
 import numpy as np
@@ -134,7 +133,7 @@ def sampling_error(
         texels += int(np.count_nonzero(measured_in_both))
     if not texels:
         return None
-    return math.sqrt(squares / texels) * error_per_difference(directions, sampling)
+    return sqrt(squares / texels) * error_per_difference(directions, sampling)
 
 
 def error_per_difference(directions: list[int], sampling: Sampling) -> float:

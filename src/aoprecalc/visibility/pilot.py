@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aoprecalc.mesh.roles import in_poses
 from aoprecalc.progress import Progress
-from aoprecalc.raster.layout import BLOCK, Samples, area_per_texel, texel_positions
+from aoprecalc.raster.layout import BLOCK, Samples, texel_positions
 from aoprecalc.raster.resolve import LeastSquaresImage
 from aoprecalc.texture_lookup import bilinear
 from aoprecalc.types import Float32Array, Float64Array, Int32Array, Int64Array, Texels
@@ -96,9 +95,7 @@ def pilot_errors(setup: BakeSetup, side: SurfaceSide) -> PilotErrors | None:
     with_values, blocks = np.unique(blocks[used], return_inverse=True)
     if len(with_values) < _MIN_BLOCKS:
         return None
-    poses = in_poses(setup.inputs.scene, setup.inputs.normals)
-    areas = np.mean([area_per_texel(pose, setup.inputs.atlas, side.texels) for pose, _ in poses], axis=0)
-    weights = areas[samples.faces[used]]
+    weights = setup.area_per_texel(side.texels)[samples.faces[used]]
     if not weights.any():
         return None
     difference = (first - second)[used] * error_per_difference(taken, setup.inputs.options.sampling)

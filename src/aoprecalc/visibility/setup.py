@@ -15,7 +15,7 @@ from aoprecalc.mesh.detail import detail_of
 from aoprecalc.mesh.normalized_surface import NormalizedSurface
 from aoprecalc.mesh.roles import baked_apart, in_poses
 from aoprecalc.options import BakeOptions
-from aoprecalc.raster.layout import CENTER, Samples, build_layout, keep_faces
+from aoprecalc.raster.layout import CENTER, Samples, area_per_texel, build_layout, keep_faces
 from aoprecalc.types import Atlas, BoolArray, Float32Array, Float64Array, Int32Array, Scene, Texels
 from aoprecalc.visibility.backend import Backend
 from aoprecalc.visibility.directions import GROUP_SIZE, DirectionPlan, axis_groups, light_axes, texel_offset
@@ -123,6 +123,12 @@ class BakeSetup:
     def textured(self, side: SurfaceSide) -> Scene:
         """Return the scene that the texture is of; its own surface is measured unless it has a detail."""
         return side.scene if self._projection is None else self.inputs.scene
+
+    def area_per_texel(self, texels: Texels) -> Float64Array:
+        """Return the surface area of a texel on each face, (f,), in the mean of all poses; see `layout`."""
+        inputs = self.inputs
+        areas = [area_per_texel(pose, inputs.atlas, texels) for pose, _ in in_poses(inputs.scene, inputs.normals)]
+        return np.asarray(np.mean(areas, axis=0), np.float64)
 
     def overlap(self) -> float:
         """Return the share of covered texels whose centre lies inside more than one triangle."""
