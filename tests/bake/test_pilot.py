@@ -53,8 +53,12 @@ def setup_of(made, directions=None, **options):
 @cache
 def measured(shape, directions=None):
     """The number of directions of a bake of waves, and the RMS error of its texture as rendered."""
-    options = BakeOptions(size=SIZE, backend="ray", directions=directions)
-    baked = bake_scene(waves(*shape), options)
+    return measured_bake(waves(*shape), directions)
+
+
+def measured_bake(made, directions=None, size=SIZE):
+    options = BakeOptions(size=size, backend="ray", directions=directions, unwrap="keep")
+    baked = bake_scene(made, options)
     prepared, rays = prepare_bake(baked.scene, options), VerifyOptions(points=4000, rays=576)
     errors = measure_texture(prepared, baked.atlas, baked.texture.values, rays, Progress(), value=ValueOptions())
     return baked.directions, errors.levels[0].rmse
@@ -126,6 +130,8 @@ def test_errors_count_by_the_area_of_the_surface():
     uvs = np.concatenate([positions[faces][..., :2] * 0.35, quad_uvs((0.37, 0), (1, 1), cells=4)])
     made = scene(*join((hills, faces), small), uvs)
     assert enough_directions(setup_of(made, size=192)) == PLAN
+    _, rendered = measured_bake(made, AUTO_DIRECTIONS, size=192)
+    assert 0.7 * rendered < errors_of(setup_of(made, size=192)).resolution < 1.4 * rendered
 
 
 def test_a_small_texture_has_no_pilot_sample():
